@@ -61,9 +61,11 @@ from ngepc.model.problem import Problem as Problem
 from ngepc.model.problem import lshape_problem as lshape_problem
 from ngepc.model.problem import wrench_problem as wrench_problem
 from ngepc.model.tensile import lame_parameters as lame_parameters
+from ngepc.pictures.curves import plot_curve as plot_curve
 from ngepc.pictures.curves import plot_history as plot_history
 from ngepc.pictures.export import export_vtu as export_vtu
 from ngepc.pictures.fields import plot_field as plot_field
+from ngepc.pictures.fields import plot_mesh as plot_mesh
 from ngepc.pictures.fields import plot_plastic_zone as plot_plastic_zone
 from ngepc.pictures.live import lab as lab
 from ngepc.pictures.materials import plot_material as plot_material

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
-from ngsolve import CoefficientFunction
+from ngsolve import CoefficientFunction, GridFunction
 
 from ngepc.checks.arguments import is_number
+from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions, Points, on_children
 from ngepc.evolution.load_path import Schedule
+from ngepc.local.result import ExactResult
+from ngepc.local.system import DiscreteProblem
 from ngepc.model.material import PEEQ, Material
 from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
 from ngepc.results.checkpoint import load, problem_fingerprint, save, work_fingerprint
 from ngepc.results.fields import Fields
 from ngepc.results.files import check_writable
-from ngepc.results.outcome import Ending, Status
-from ngepc.results.result import Result
+from ngepc.results.outcome import Ending, History, Status
+from ngepc.results.result import DiscreteSolution, Result
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +125,8 @@ class StepRecord:
     error_bound: float | None = None  # ``ErrorBound.relative`` where one was asked for
     time_error: float | None = None
     """Estimate of what the increments up to here are off, relative, where an accuracy was asked."""
+    max_contact_pressure: float = 0.0  # largest at the nodes (stress), exact methods
+    max_slip: float = 0.0  # largest in this step at the nodes (length), exact methods
 
     @classmethod
     def of(
@@ -147,8 +152,21 @@ class StepRecord:
             dissipation=points.integral(lost),
             max_plastic_strain=problem.processes.maximum(size),
             nodes=nodes_of(problem.mesh),
+            **largest_at_contact(result),
             **known,
         )
+
+
+def largest_at_contact(result: Result) -> dict[str, float]:
+    """The largest contact pressure and slip of a step, where the solver has contact rows."""
+    if not isinstance(result, DiscreteSolution):
+        return {}
+    maximum = result.problem.processes.maximum
+    slip = np.linalg.norm(result.nodal_slip, axis=1)
+    return {
+        "max_contact_pressure": maximum(result.contact_pressure.vec.FV().NumPy()),
+        "max_slip": maximum(slip),
+    }
 
 
 def tensors(points: Points, value: CoefficientFunction) -> np.ndarray:
@@ -180,6 +198,41 @@ class EvolutionStep:
     def problem(self) -> Problem:
         """The problem of the step, with p_0 and alpha_0 as they were at its begin."""
         return self.fields.problem
+
+    @cached_property
+    def solution(self) -> ExactResult:
+        """The step as a result of the exact method: contact pressure, friction, slip, reactions.
+
+        It is made from the displacement and the forces of contact when it is first asked for.
+        ValueError for steps of solvers without such forces.
+        """
+        if self.contact is None:
+            raise ValueError(
+                "this step was solved with gamma: contact pressures are kept by steps of the "
+                "exact methods"
+            )
+        discrete = DiscreteProblem(self.problem)
+        values = self.fields.displacement.vec.FV().NumPy()
+        u = nodal(values, self.problem).copy()
+        state = discrete.state(u, contact=self.contact)
+        return ExactResult(state, Status.CONVERGED, "", History())
+
+    @property
+    def contact_pressure(self) -> GridFunction:
+        """The contact pressure (stress), positive in compression, as in a result."""
+        if self.contact is None:  # as if it were not there: pictures ask for it
+            raise AttributeError("contact_pressure: this step was solved with gamma")
+        return self.solution.contact_pressure
+
+    @property
+    def friction_stress(self) -> GridFunction:
+        """Friction on the body (stress), as in a result."""
+        return self.solution.friction_stress
+
+    @property
+    def slip(self) -> np.ndarray:
+        """What each contact row has slipped in this step (length), shape (rows, N - 1)."""
+        return self.solution.nodal_slip
 
     def __repr__(self) -> str:
         time = self.record.time

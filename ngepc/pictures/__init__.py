@@ -2,6 +2,7 @@
 
 from ngepc.pictures.curves import plot_contact_pressure as plot_contact_pressure
 from ngepc.pictures.curves import plot_counts as plot_counts
+from ngepc.pictures.curves import plot_curve as plot_curve
 from ngepc.pictures.curves import plot_history as plot_history
 from ngepc.pictures.drawable import UnitNames as UnitNames
 from ngepc.pictures.fields import plot_active_sets as plot_active_sets

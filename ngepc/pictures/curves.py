@@ -1,6 +1,6 @@
 """Curves with matplotlib: residual histories, iteration counts, contact pressures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,9 +11,11 @@ from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spannin
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance, require_mapping
+from ngepc.evolution.result import Evolution
 from ngepc.pictures.drawable import UnitNames, fields_of, require_units, sources_of
 from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
+from ngepc.results.fields import Fields
 from ngepc.results.outcome import History
 
 
@@ -84,6 +86,127 @@ def draw_runs(
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if tolerance is not None:
         left.axhline(tolerance, color=GUIDE, linewidth=0.8, linestyle=":")
+
+
+Quantity = str | Callable[[Fields], float] | Sequence[float]
+"""A name, a function of the fields of a step, or one number for each step."""
+
+WORDS = {
+    "time": ("time", ""),
+    "contact_force": ("contact force", ""),
+    "max_contact_pressure": ("largest contact pressure", "stress"),
+    "max_slip": ("largest slip in a step", "length"),
+    "max_plastic_strain": (r"largest plastic strain $|p|_F$", ""),
+    "dissipation": ("energy dissipated in the step", ""),
+    "elastic_energy": ("elastic energy", ""),
+    "iterations": ("Newton steps", ""),
+    "reaction": ("force of the supports", ""),
+    "applied_force": ("force of the loads", ""),
+    "contact_resultant": ("force of the obstacles", ""),
+}
+"""Names for ``plot_curve`` -> words on an axis, and the unit; others stand as they are."""
+
+
+@styled
+def plot_curve(
+    history: Evolution | Mapping[str, Evolution],
+    x: Quantity = "time",
+    y: Quantity = "contact_force",
+    *,
+    xlabel: str | None = None,
+    ylabel: str | None = None,
+    units: UnitNames | None = None,
+    axes: Axes | None = None,
+) -> Figure:
+    """One quantity of a load history over another one: a force-displacement curve, for example.
+
+    Parameters
+    ----------
+    history
+        What ``evolve`` returned, or label -> that.
+    x, y
+        A column of the history: 'time', 'contact_force', 'max_contact_pressure', 'dissipation',
+        ...; a component of a vector, 'reaction_y', of one support 'reaction_y:bottom'; a function
+        of the ``Fields`` of a step; or one number for each step.
+    xlabel, ylabel
+        Words on the axes; by default those of the quantity.
+    units, axes
+        As in ``plot_field``.
+
+    Returns
+    -------
+    Figure
+        The curve, with a marker for each step.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a history is none or has no steps, or a quantity is unknown.
+    """
+    units = require_units("units", units)
+    histories = history if isinstance(history, Mapping) else {"": history}
+    require_mapping("history", histories, "label -> what evolve returned")
+    axes = Picture(figsize=(5.2, 3.4)).subplots() if axes is None else axes
+    require_instance("axes", axes, Axes, "matplotlib Axes or None")
+    for index, (label, one) in enumerate(histories.items()):
+        require_instance("history", one, Evolution, "what evolve returned")
+        if not one.steps:
+            raise ValueError("history has no finished step: at least one is needed")
+        style = line_style(index, len(one.steps))
+        columns = quantity_of("x", one, x), quantity_of("y", one, y)
+        axes.plot(*columns, label=label or None, **style)
+    axes.set_xlabel(words_for(x, units) if xlabel is None else xlabel)
+    axes.set_ylabel(words_for(y, units) if ylabel is None else ylabel)
+    if any(histories):
+        axes.legend()
+    return axes.figure
+
+
+def quantity_of(argument: str, history: Evolution, quantity: Quantity) -> list[float]:
+    """The numbers of a quantity, one for each step."""
+    if callable(quantity):
+        return [float(value) for value in history.values(quantity)]
+    if not isinstance(quantity, str):
+        numbers = [float(value) for value in quantity]
+        if len(numbers) != len(history.steps):
+            raise ValueError(
+                f"{argument} has {len(numbers)} numbers: one for each of the "
+                f"{len(history.steps)} steps is needed"
+            )
+        return numbers
+    name, _, support = quantity.partition(":")
+    vector, _, letter = name.rpartition("_")
+    axis = "xyz"[: history.problem.N].find(letter) if len(letter) == 1 else -1
+    if support and vector == "reaction" and axis >= 0:
+        return history.reactions(support)[:, axis].tolist()
+    if axis >= 0 and vector in ("reaction", "applied_force", "contact_resultant"):
+        return [force[axis] for force in history.column(vector)]
+    record = vars(history.steps[0].record)
+    numbers = [n for n, v in record.items() if isinstance(v, int | float)]
+    if name not in numbers or support:
+        raise ValueError(
+            f"{argument}={quantity!r}: the quantities are {', '.join(numbers)}, components such as "
+            "reaction_y, contact_resultant_x, reaction_y:bottom, and functions of the fields"
+        )
+    return history.column(name)
+
+
+def words_for(quantity: Quantity, units: UnitNames) -> str:
+    """What stands at an axis."""
+    if not isinstance(quantity, str):
+        return ""
+    name, _, support = quantity.partition(":")
+    words, unit = WORDS.get(name, (None, ""))
+    if words is not None:
+        return f"{words}{units.of(unit)}"
+    vector, _, letter = name.rpartition("_")
+    if vector not in WORDS:
+        return name.replace("_", " ")
+    place = f"support '{support}'" if support else ""
+    words = (
+        WORDS[vector][0].replace("the supports", place) if place else WORDS[vector][0]
+    )
+    return f"{words}, component {letter}"
 
 
 @styled

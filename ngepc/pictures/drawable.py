@@ -8,13 +8,16 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import require_covering
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping
-from ngepc.pictures.sampling import Corners, Ends, colour_scale, corners_of, visible
+from ngepc.pictures.cutting import Part, part_of
+from ngepc.pictures.sampling import Corners, Ends, colour_scale, visible
 from ngepc.results.fields import Fields, frobenius
 
 SIGNED = "RdBu_r"
@@ -68,6 +71,7 @@ class UnitNames(Declared):
 
 
 PLAIN = UnitNames()
+WHOLE = Part()
 
 
 def require_units(name: str, units: UnitNames | None) -> UnitNames:
@@ -77,11 +81,15 @@ def require_units(name: str, units: UnitNames | None) -> UnitNames:
 
 
 class Drawable(NamedTuple):
-    """A scalar coefficient on the body, in 3D on its surface, its label, and its colour map."""
+    """A scalar coefficient on the body, in 3D on its surface, its label, and its colour map.
+
+    ``inside`` is the coefficient in the body, None for what is on boundaries alone.
+    """
 
     coefficient: CoefficientFunction
     label: str = "value"
     colormap: str = "viridis"
+    inside: CoefficientFunction | None = None
 
 
 def drawable(
@@ -95,7 +103,8 @@ def drawable(
     fields = fields_of(source)
     if isinstance(field, CoefficientFunction):
         require_covering("field", field, fields.problem.mesh)
-        return Drawable(visible(fields, field if field.dim == 1 else frobenius(field)))
+        scalar = field if field.dim == 1 else frobenius(field)
+        return Drawable(visible(fields, scalar), inside=scalar)
     if not isinstance(field, str):
         raise TypeError(
             f"field={field!r}: the name of a field or a CoefficientFunction is needed"
@@ -134,7 +143,7 @@ def drawable(
         coefficient = frobenius(coefficient)
         symbol = f"|{symbol}|" + "_F" * (rank == 2)
     label = f"{title} ${symbol}${units.of(unit)}"
-    return Drawable(visible(fields, coefficient), label, colormap)
+    return Drawable(visible(fields, coefficient), label, colormap, coefficient)
 
 
 def on_one_scale(
@@ -142,16 +151,30 @@ def on_one_scale(
     field: str | CoefficientFunction,
     units: UnitNames,
     ends: Ends,
+    part: Part = WHOLE,
+    cmap: str | Colormap | None = None,
 ) -> tuple[list[Drawable], list[Corners], ScalarMappable]:
     """What is drawn of each source, its values, and colours for all of them."""
     what = [drawable(source, field, units) for source in sources]
     pairs = zip(sources, what, strict=True)
     colormap = what[0].colormap
     corners = [
-        corners_of(fields_of(source), drawn.coefficient) for source, drawn in pairs
+        part_of(fields_of(source), drawn.coefficient, drawn.inside, part)
+        for source, drawn in pairs
     ]
     limits = colour_scale(*corners, ends=ends, symmetric=colormap == SIGNED)
-    return what, corners, ScalarMappable(limits, colormap)
+    return what, corners, ScalarMappable(limits, require_colours(cmap) or colormap)
+
+
+def require_colours(cmap: str | Colormap | None) -> Colormap | None:
+    """A colour map of matplotlib by its name; ValueError if there is none."""
+    if cmap is None or isinstance(cmap, Colormap):
+        return cmap
+    if cmap not in colormaps:
+        raise ValueError(
+            f"cmap={cmap!r}: the name of a colour map of matplotlib is needed"
+        )
+    return colormaps[cmap]
 
 
 def pressure_on_boundary(source: object) -> CoefficientFunction:
@@ -163,12 +186,12 @@ def pressure_on_boundary(source: object) -> CoefficientFunction:
     return problem.mesh.BoundaryCF(pressures, default=0.0)
 
 
-def fields_of(source: object, name: str = "source") -> Fields:
+def fields_of(source: object, name: str = "source", others: str = "") -> Fields:
     """The recovered fields of a result, or ``source`` itself if it is ``Fields``."""
     fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
     if not isinstance(fields, Fields):
         raise TypeError(
-            f"{name}={source!r}: the result of a solver or its Fields are needed"
+            f"{name}={source!r}: {others}the result of a solver or its Fields are needed"
         )
     return fields
 

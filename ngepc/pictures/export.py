@@ -1,24 +1,25 @@
 """VTU files for ParaView, and PVD collections of load histories and of the parts of processes.
 
-NGSolve's VTKOutput says nothing when it cannot write; here the file is checked before its name is
-returned.  All fields are point data on each element's own corners, so that jumps stay.  Vectors
-have three and tensors nine components, as ParaView expects, also in two dimensions.
+A file is written whole or not at all.  All fields are point data on each element's own points, so
+that jumps stay.  Vectors have three and tensors nine components, as ParaView expects, also in two
+dimensions.
 """
 
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import product
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from ngsolve import CF, CoefficientFunction, VTKOutput
+from ngsolve import GridFunction
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance, require_mapping, require_path
+from ngepc.evolution.result import Evolution
 from ngepc.model.features import require_covered
 from ngepc.pictures.drawable import KINDS, field_of, fields_of
+from ngepc.pictures.sampling import is_curved
+from ngepc.pictures.vtu import vtu_text
 from ngepc.results.records import write_text
 
 FIELDS = ("displacement", "plastic_strain", "equivalent_plastic_strain",
@@ -57,24 +58,27 @@ COVERS = frozenset(
 
 
 def export_vtu(
-    source: object | Mapping[float, object],
+    source: object | Mapping[float, object] | Evolution,
     path: str | os.PathLike,
-    fields: Sequence[str] = FIELDS,
+    fields: Sequence[str] | None = None,
 ) -> Path:
     """Write the fields of a result to a VTU file, or a load history to one for each step.
 
     The steps of a history stand beside the PVD file that lists them, as '<stem>_0000.vtu', ...
-    Where processes share the mesh each writes its part, '<stem>_0000.vtu', ..., and a PVD file
+    Elements of order two, and curved ones, are quadratic cells.  The cell data 'body' is the number
+    of the material, in the order of ``mesh.GetMaterials()``.  Where processes share the mesh each
+    writes its part, '<stem>_0000.vtu', ..., and a PVD file
     lists the parts.
 
     Parameters
     ----------
     source
-        Result of a solver, or ``Fields``; or time -> one of these.
+        Result of a solver, or ``Fields``; or a history: an ``Evolution``, or time -> one of these.
     path
         The file, ending in '.vtu', that of a history in '.pvd'; its folder is made.
     fields
-        Names of fields, see ``drawable.KINDS``.
+        Names of fields, see ``drawable.KINDS``, and 'contact_pressure' of the exact methods, whose
+        values are right on the contact boundary; None for the usual ones.
 
     Returns
     -------
@@ -86,8 +90,10 @@ def export_vtu(
     TypeError, ValueError
         If the source, the path or a field is none.
     OSError
-        If NGSolve, which does not say so, wrote no file.
+        If the file cannot be written; an older one is then as it was.
     """
+    if isinstance(source, Evolution):
+        source = dict(zip(source.times, source.steps, strict=True))
     history = isinstance(source, Mapping)
     steps = source if history else {0: source}
     require_mapping("source", steps, "time -> result")
@@ -95,12 +101,13 @@ def export_vtu(
         require_number("times in source", time)
         fields_of(state, f"source[{time!r}]" if history else "source")
     path = require_path("path", path, ".pvd" if history else ".vtu")
-    require_instance(
-        "fields", fields, (list, tuple), "a list or tuple of names of fields"
-    )
-    if not fields or not all(name in [*KINDS] for name in fields):
+    wanted = usual_fields(state) if fields is None else fields
+    needed = "a list or tuple of names of fields"
+    require_instance("fields", wanted, (list, tuple), needed)
+    known = [*KINDS, "contact_pressure"]
+    if not wanted or not all(name in known for name in wanted):
         raise ValueError(
-            f"fields={fields!r}: at least one, of {', '.join(KINDS)}, is needed"
+            f"fields={fields!r}: at least one, of {', '.join(known)}, is needed"
         )
     for state in steps.values():
         require_covered(fields_of(state).problem, "export_vtu", COVERS)
@@ -111,7 +118,7 @@ def export_vtu(
         parts = [f"{stem}_{rank:04d}.vtu" for rank in range(processes.size)]
         parts = parts if processes.size > 1 else [f"{stem}.vtu"]
         own = path.with_name(parts[processes.rank])
-        processes.together(partial(_write_part, state, own, fields))
+        processes.together(partial(_write_part, state, own, wanted))
         listed += [
             f'<DataSet timestep="{float(time)!r}" part="{rank}" file={quoteattr(part)}/>'
             for rank, part in enumerate(parts)
@@ -127,29 +134,17 @@ def export_vtu(
     return path
 
 
-def _write_part(source: object, path: Path, fields: Sequence[str]) -> None:
+def usual_fields(source: object) -> list[str]:
+    """The names of the fields that are written unless others are asked for."""
+    pressure = getattr(source, "contact_pressure", None)
+    touches = fields_of(source).problem.touching_names
+    has = isinstance(pressure, GridFunction) and touches
+    return [*FIELDS, *(["contact_pressure"] if has else [])]
+
+
+def _write_part(source: object, path: Path, names: Sequence[str]) -> None:
     """Write the fields on the mesh of this process."""
-    coefficients = [in_space(field_of(source, name)) for name in fields]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        mesh = fields_of(source).problem.mesh
-        stem = Path(folder) / "out"
-        VTKOutput(mesh, coefs=coefficients, names=list(fields), filename=str(stem)).Do()
-        written = stem.with_suffix(".vtu")
-        if not written.is_file():
-            raise OSError(f"{path}: NGSolve wrote no file")
-        written.replace(path)
-
-
-def in_space(coefficient: CoefficientFunction) -> CoefficientFunction:
-    """A scalar as it is, a vector with 3 and a matrix with 9 components, filled up with zeros."""
-    if coefficient.dim == 1:
-        return coefficient
-    n = coefficient.dims[0]
-    rank = len(coefficient.dims)
-    return CF(
-        tuple(
-            coefficient[i] if max(i) < n else 0.0
-            for i in product(range(3), repeat=rank)
-        )
-    )
+    fields = fields_of(source)
+    coefficients = {name: field_of(source, name) for name in names}
+    mesh = fields.problem.mesh
+    write_text(path, vtu_text(mesh, coefficients, is_curved(fields)))

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from ngsolve import CoefficientFunction
 
@@ -21,6 +21,7 @@ import ngepc.pictures.style as style
 from ngepc.checks.arguments import require_number, require_vector
 from ngepc.checks.declared import Check, Declared, Flag, NotNegative, Text
 from ngepc.checks.kinds import require_attributes, require_instance
+from ngepc.pictures.cutting import Part, Plane
 from ngepc.pictures.drawable import (
     PLAIN,
     UnitNames,
@@ -30,6 +31,7 @@ from ngepc.pictures.drawable import (
     require_units,
     sources_of,
 )
+from ngepc.pictures.meshes import draw_names, is_mesh
 from ngepc.pictures.sampling import Corners, corners_of, obstacle_lines, visible
 from ngepc.pictures.stills import Angles, draw_solid, solid_image
 from ngepc.pictures.style import Picture, styled
@@ -49,6 +51,10 @@ def plot_field(
     mesh_lines: bool = False,
     units: UnitNames | None = None,
     view: Angles | None = None,
+    body: str | None = None,
+    boundary: str | None = None,
+    cut: Plane | None = None,
+    cmap: str | Colormap | None = None,
     axes: Axes | None = None,
 ) -> Figure:
     """A scalar field on the deformed body; in 3D on its surface.
@@ -72,6 +78,16 @@ def plot_field(
         Title (by default how the problem was solved), whether to draw the mesh, units.
     view
         Where solids are seen from: degrees around the z axis and above the xy plane.
+    body
+        Name of a material: draw that body alone.
+    boundary
+        Names of boundaries of a solid, 'a' or 'a|b': draw these alone, inner faces in contact
+        for example.
+    cut
+        (point, normal) of a plane: what lies on the side of the normal is taken away, and the
+        section of a solid is drawn.  Positions are those before the deformation.
+    cmap
+        A colour map of matplotlib or its name; by default one that suits the field.
     axes
         Axes to draw one result into; by default those of a new figure.
 
@@ -88,14 +104,17 @@ def plot_field(
         If the body is a solid and pyvista or libEGL is missing.
     """
     drawing = Drawing(deformation_scale, units, view, axes, title, mesh_lines)
+    part = Part(body, boundary, cut)
     sources = sources_of("source", source, title or "")
     if axes is not None and len(sources) > 1:
         raise ValueError(
             f"source: one result is needed for given axes, there are {len(sources)}"
         )
     what, corners, colours = on_one_scale(
-        sources.values(), field, drawing.units, (vmin, vmax)
+        sources.values(), field, drawing.units, (vmin, vmax), part, cmap
     )
+    if not part.whole:
+        drawing = replace(drawing, mesh_lines=False, outline=False)
     panels = drawing.bodies(sources, corners, colours, bar=True)
     figure = panels[0].figure
     place = {"shrink": 0.85, "fraction": 0.05}
@@ -167,13 +186,41 @@ def plot_active_sets(
 
 
 @styled
-def plot_mesh(source: object, *, axes: Axes | None = None) -> Figure:
-    """The mesh before the deformation, the initial configuration of Figure 5."""
-    sampled = corners_of(fields_of(source))
-    drawing = Drawing(0.0, axes=axes, mesh_lines=True)
-    return _draw_sets(
-        drawing, fields_of(source), sampled, np.zeros(len(sampled.points))
-    )
+def plot_mesh(
+    source: object,
+    *,
+    view: Angles | None = None,
+    body: str | None = None,
+    cut: Plane | None = None,
+    axes: Axes | None = None,
+) -> Figure:
+    """The mesh before the deformation; of a mesh or a problem with the names of its boundaries.
+
+    Parameters
+    ----------
+    source
+        A mesh, a ``Problem``, or the result of a solver.  Boundaries of a mesh or a problem are
+        drawn in colours, and the legend says their names, of a problem also what happens there:
+        'bottom: clamped'.
+    view, body, cut, axes
+        As in ``plot_field``; ``body`` and ``cut`` are for meshes and problems.
+
+    Returns
+    -------
+    Figure
+        The figure, also when ``axes`` were given.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the source is none of these.
+    """
+    if is_mesh(source):
+        return draw_names(source, view, body, cut, axes)
+    fields = fields_of(source, "source", "a mesh, a Problem, ")
+    sampled = corners_of(fields)
+    drawing = Drawing(0.0, view=view, axes=axes, mesh_lines=True)
+    return _draw_sets(drawing, fields, sampled, np.zeros(len(sampled.points)))
 
 
 def _draw_sets(
@@ -208,6 +255,7 @@ class Drawing(Declared):
     ] = None
     title: Text | None = None
     mesh_lines: Flag = False
+    outline: Flag = True
 
     def bodies(
         self,
@@ -242,10 +290,9 @@ class Drawing(Declared):
             shade |= {"triangles": triangles, "rasterized": True}
             axes.tripcolor(*points.reshape(-1, 2).T, sampled.values.ravel(), **shade)
             border = corners_of(fields, where=".*")
-            lines = [
-                (border.points, style.OUTLINE, 0.7, 0),
-                (border.deformed(scale), style.DEFORMED, 0.6, 3),
-            ]
+            lines = [(border.points, style.OUTLINE, 0.7, 0)]
+            if self.outline:
+                lines += [(border.deformed(scale), style.DEFORMED, 0.6, 3)]
             if mesh is not None:
                 lines += [
                     (mesh, style.GUIDE, min(0.3, 450 / fields.problem.mesh.ne), 2)

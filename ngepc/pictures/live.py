@@ -200,7 +200,7 @@ class Laboratory:
         )
         self._widen(colours)
         self.peak = max(self.peak, self._peak_of(result))
-        scene = scene_of(result, what[0], self.colours, self.drawing, self.peak)
+        scene = scene_of(result, what[0], None, self.colours, self.drawing, self.peak)
         position = self._position(values)
         caption = position if exact else f"{position}: predicted, solving ..."
         curves = self._curves(result, values, exact)

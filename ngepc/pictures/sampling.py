@@ -24,7 +24,10 @@ from scipy.spatial import Delaunay
 from ngepc.checks.arguments import require_number
 from ngepc.model.elements import outward_normal
 from ngepc.model.features import require_covered
+from ngepc.model.processes import require_whole
 from ngepc.results.fields import Fields
+
+ROUNDED = 1e-9  # part of the size of a field below which its values are all the same
 
 Ends = tuple[float | None, float | None]
 
@@ -101,15 +104,18 @@ def corners_of(
     where: str | None = None,
     cuts: int | None = None,
     border: bool = False,
+    keep: np.ndarray | None = None,
 ) -> Corners:
     """A coefficient, zero for None, at the corners of what is drawn of elements.
 
     Drawn are the body, in 3D its surface, or the boundaries ``where`` (a pattern); with ``border``
     the borders of elements in segments.  Each edge is cut into ``cuts`` parts; None for as many as
-    bodies need to look as they are.
+    bodies need to look as they are.  ``keep`` says which of these elements are drawn.
     """
     mesh = fields.problem.mesh
-    require_covered(fields.problem, "a picture", COVERS)
+    require_whole("a picture", mesh)
+    if isinstance(fields, Fields):
+        require_covered(fields.problem, "a picture", COVERS)
     plane = where is None and mesh.dim == 2
     region = mesh.Materials(".*") if plane else mesh.Boundaries(where or ".*")
     types = np.array([element.type for element in region.Elements()])
@@ -124,8 +130,9 @@ def corners_of(
     mapped = mesh.MapToAllElements(rules, region)
     counts = np.array([len(parts[shape][0]) for shape in types])
     first = np.cumsum(counts) - counts
+    kept = np.ones(len(types), dtype=bool) if keep is None else keep
     pieces = np.concatenate([
-        (first[types == shape][:, None, None] + corners).reshape(-1, corners.shape[1])
+        (first[kept & (types == shape)][:, None, None] + corners).reshape(-1, corners.shape[1])
         for shape, (_, corners) in parts.items()
     ])  # fmt: skip
     coefficient = CF(0.0) if coefficient is None else coefficient
@@ -232,7 +239,8 @@ def colour_scale(
     low, high = (0.0 if abs(end) < 1e-9 * span else end for end in (low, high))
     low = low if vmin is None else vmin
     high = high if vmax is None else vmax
-    if low >= high:  # a constant field
+    size = max(abs(lowest), abs(highest))
+    if low >= high or span <= ROUNDED * size:  # a constant field
         size = max(abs(low), abs(high)) or 1.0
         low, high = (
             high - size if vmin is None else low,

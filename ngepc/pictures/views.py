@@ -18,10 +18,13 @@ from string import Template
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from ngsolve import BBND, BND, CF, VOL, CoefficientFunction
+from matplotlib.colors import Colormap, to_hex
+from ngsolve import BBND, BND, CF, VOL, CoefficientFunction, Mesh
 
 from ngepc.checks.arguments import sample
 from ngepc.checks.kinds import require_path, require_text
+from ngepc.model.problem import Problem
+from ngepc.pictures.cutting import Part, Plane
 from ngepc.pictures.drawable import (
     Drawable,
     UnitNames,
@@ -30,7 +33,22 @@ from ngepc.pictures.drawable import (
     sources_of,
 )
 from ngepc.pictures.fields import Drawing
-from ngepc.pictures.sampling import corners_of, is_curved, obstacle_lines, offset
+from ngepc.pictures.meshes import (
+    AtRest,
+    body_colours,
+    boundary_colours,
+    drawn_mesh,
+    is_mesh,
+    legend_of_names,
+    numbered,
+)
+from ngepc.pictures.sampling import (
+    Corners,
+    corners_of,
+    is_curved,
+    obstacle_lines,
+    offset,
+)
 from ngepc.pictures.style import Picture, png_address, styled
 from ngepc.results.records import write_text
 
@@ -71,21 +89,27 @@ def show(
     vmax: float | None = None,
     mesh_lines: bool = False,
     units: UnitNames | None = None,
+    body: str | None = None,
+    boundary: str | None = None,
+    cut: Plane | None = None,
+    cmap: str | Colormap | None = None,
 ) -> View:
-    """The deformed body coloured by a field, to turn and zoom.
+    """The deformed body coloured by a field, or a mesh with the names of its boundaries.
 
     Parameters
     ----------
     source
-        Result of a solver, ``Fields``, or a mapping of caption -> either, drawn on one colour
-        scale: side by side, or with ``name`` one after the other on a slider.
+        A mesh or a ``Problem``, drawn before the deformation in the colours of its boundaries and
+        bodies (then only ``title`` is used); or the result of a solver, ``Fields``, or a mapping
+        of caption -> either, drawn on one colour scale: side by side, or with ``name`` one
+        after the other on a slider.
     field
         Name of a field, 'contact_pressure' (3D), or a coefficient.
     title
         Heading of the page.
     name
         What the slider moves through: 'gamma', 'load step', ...; the captions stand beside it.
-    deformation_scale, vmin, vmax, mesh_lines, units
+    deformation_scale, vmin, vmax, mesh_lines, units, body, boundary, cut, cmap
         As in ``plot_field``.
 
     Returns
@@ -100,34 +124,103 @@ def show(
     ImportError
         If the viewer is not installed; the message says what to install.
     """
-    sources = sources_of("source", source)
     require_text("name", name)
     require_text("title", title)
+    if is_mesh(source):
+        return _names_of(source, title)
+    sources = sources_of("source", source)
     drawing = Drawing(deformation_scale, units, mesh_lines=mesh_lines)
-    viewer = viewer_script()
-    what, _, colours = on_one_scale(
-        sources.values(), field, drawing.units, (vmin, vmax)
+    viewer_script()
+    part = Part(body, boundary, cut)
+    what, corners, colours = on_one_scale(
+        sources.values(), field, drawing.units, (vmin, vmax), part, cmap
     )
-    pairs = zip(sources.values(), what, strict=True)
     peak = pressure_peak(sources.values())
-    scenes = [scene_of(one, drawn, colours, drawing, peak) for one, drawn in pairs]
+    shown = corners if not part.whole else [None] * len(sources)
+    each = zip(sources.values(), what, shown, strict=True)
+    scenes = [scene_of(*one, colours, drawing, peak) for one in each]
     captions, labels = ([""], list(sources)) if name else (list(sources), [""])
     panels = [scenes] if name else [[scene] for scene in scenes]
-    page = {"captions": captions, "labels": labels, "panels": panels}
-    data = gzip.compress(json.dumps(page, default=float).encode(), mtime=0)
     legend = Picture(figsize=(3.6, 0.6))
     axes = legend.add_subplot()
     legend.colorbar(colours, cax=axes, orientation="horizontal", label=what[0].label)
     axes.locator_params(nbins=6)
-    texts = {"title": html.escape(title), "name": html.escape(name), "viewer": viewer}
-    texts |= {
-        "legend": png_address(legend, 200),
-        "data": base64.b64encode(data).decode(),
-    }
+    image = f'<img class="legend" src="{png_address(legend, 200)}" alt="colour scale">'
     problems = [fields_of(one).problem for one in sources.values()]
     drawn = any(p.N == 2 and p.touching_names for p in problems)
-    texts["lines"] = legend_of_lines() if drawn else ""
+    lines = legend_of_lines() if drawn else ""
+    contents = {"captions": captions, "labels": labels, "panels": panels}
+    return _page(contents, title, name, image, lines)
+
+
+def _page(contents: dict, title: str, name: str, legend: str, lines: str) -> View:
+    """The page with scenes, a legend of colours and one of lines."""
+    data = gzip.compress(json.dumps(contents, default=float).encode(), mtime=0)
+    texts = {
+        "title": html.escape(title),
+        "name": html.escape(name),
+        "viewer": viewer_script(),
+        "data": base64.b64encode(data).decode(),
+        "legend": legend,
+        "lines": lines,
+    }
     return View(PAGE.substitute(texts))
+
+
+def _names_of(source: Mesh | Problem, title: str) -> View:
+    """A mesh in the colours of its boundaries and bodies."""
+    mesh = drawn_mesh(source)
+    plane = mesh.dim == 2
+    colours = body_colours(mesh) if plane else boundary_colours(mesh)
+    number = numbered(list(colours), "body" if plane else "boundary", mesh)
+    lines = []
+    for name, colour in boundary_colours(mesh).items() if plane else ():
+        segments = corners_of(AtRest(mesh), where=name).points
+        lines.append((name, to_hex(colour), segments))
+    with np.errstate():
+        from ngsolve.webgui import BuildRenderData
+    data = BuildRenderData(
+        mesh,
+        number,
+        order=2 if mesh.GetCurveOrder() > 1 else 1,
+        draw_vol=False,
+        regions={kind: kind for kind in (VOL, BND, BBND)},
+        objects=webgui_lines(lines),
+        settings=webgui_settings(plane, wireframe=True, edges=not plane),
+    )
+    table = list(colours.values())
+    each = [table[k * len(table) // 64] for k in range(64)]
+    data |= {"colors": each, "autoscale": False}
+    data |= {"funcmin": -0.5, "funcmax": len(table) - 0.5}
+    contents = {"captions": [""], "labels": [""], "panels": [[data]]}
+    return _page(contents, title, "", "", legend_of_names(source))
+
+
+def webgui_lines(lines: Iterable[tuple[str, str, np.ndarray]]) -> list[dict]:
+    """Named and coloured segments in the plane, for webgui."""
+    return [
+        {
+            "type": "lines",
+            "name": name,
+            "color": colour,
+            "position": np.pad(segments, ((0, 0), (0, 0), (0, 1))).ravel().tolist(),
+        }
+        for name, colour, segments in lines
+    ]
+
+
+def webgui_settings(plane: bool, wireframe: bool, edges: bool = True) -> dict:
+    """How webgui begins: without its own colour bar, plane bodies without shadows."""
+    ambient = 1.0 if plane else 0.65
+    light = {"ambient": ambient, "diffuse": 1 - ambient}
+    settings = {
+        "Objects": {"Wireframe": wireframe, "Edges": edges, "Colorbar": False},
+        "Colormap": {"ncolors": 64},
+        "Light": light | {"shininess": 10, "specularity": 0.0},
+    }
+    if not plane:
+        settings["camera"] = {"euler_angles": [-65.0, 0.0, -30.0]}
+    return settings
 
 
 def legend_of_lines() -> str:
@@ -139,6 +232,7 @@ def legend_of_lines() -> str:
 def scene_of(
     source: object,
     drawn: Drawable,
+    corners: Corners | None,
     colours: ScalarMappable,
     drawing: Drawing,
     peak: float,
@@ -146,7 +240,8 @@ def scene_of(
     """What webgui needs to draw a scalar on the deformed body, ready for JSON.
 
     In 2D the obstacle and the contact pressure over the deformed boundary are lines, ``peak`` is
-    drawn 0.15 times as high as the body is large.  Every scene of a slider has the same lines:
+    drawn 0.15 times as high as the body is large.  ``corners`` are triangles to draw in place of
+    the whole body.  Every scene of a slider has the same lines:
     webgui keeps the list of the first one.
     """
     fields = fields_of(source)
@@ -163,19 +258,6 @@ def scene_of(
             ("obstacle", obstacle_lines(fields, scale)),
             ("contact pressure", offset(fields, names, height, scale)),
         ]
-    ambient = 1.0 if plane else 0.65
-    settings = {
-        "Objects": {"Wireframe": drawing.mesh_lines, "Edges": True, "Colorbar": False},
-        "Colormap": {"ncolors": 64},
-        "Light": {
-            "ambient": ambient,
-            "diffuse": 1 - ambient,
-            "shininess": 10,
-            "specularity": 0.0,
-        },
-    }
-    if not plane:
-        settings["camera"] = {"euler_angles": [-65.0, 0.0, -30.0]}
     with np.errstate():  # its import changes numpy's error state
         from ngsolve.webgui import BuildRenderData
     data = BuildRenderData(
@@ -185,20 +267,42 @@ def scene_of(
         draw_vol=False,
         deformation=scale * fields.displacement,
         regions={kind: kind for kind in (VOL, BND, BBND)},
-        objects=[
-            {"type": "lines", "name": name, "color": LINES[name],
-             "position": np.pad(segments, ((0, 0), (0, 0), (0, 1))).ravel().tolist()}
-            for name, segments in lines
-        ],
-        settings=settings,
-    )  # fmt: skip
+        objects=webgui_lines((name, LINES[name], there) for name, there in lines),
+        settings=webgui_settings(plane, drawing.mesh_lines),
+    )
     limits = {
         "funcmin": colours.norm.vmin,
         "funcmax": colours.norm.vmax,
         "autoscale": False,
     }
     colors = colours.cmap(np.linspace(0.0, 1.0, 64))[:, :3].tolist()
+    if corners is not None:
+        data |= triangles(corners, scale)
     return data | limits | {"deformation_scale": 1.0, "colors": colors}
+
+
+def triangles(corners: Corners, scale: float) -> dict:
+    """What webgui draws of triangles instead of the elements of a mesh."""
+    with np.errstate():
+        from ngsolve.webgui import encodeData
+    points = corners.deformed(scale)
+    flat = np.zeros((*points.shape[:2], 3 - points.shape[2]))
+    data = np.concatenate([points, flat, corners.values[..., None]], axis=2)
+    places = points.reshape(-1, points.shape[2])
+    low = np.pad(places.min(axis=0), (0, 3 - points.shape[2]))
+    high = np.pad(places.max(axis=0), (0, 3 - points.shape[2]))
+    nothing = encodeData(np.zeros((0, 4)), dtype=np.float32)
+    return {
+        "order2d": 1,
+        "Bezier_trig_points": [
+            encodeData(np.ascontiguousarray(data[:, k]), dtype=np.float32)
+            for k in range(3)
+        ],
+        "Bezier_points": [nothing, nothing],
+        "edges": [nothing, nothing],
+        "mesh_center": (0.5 * (low + high)).tolist(),
+        "mesh_radius": float(np.linalg.norm(high - low) / 2),
+    }
 
 
 def pressure_peak(sources: Iterable[object]) -> float:

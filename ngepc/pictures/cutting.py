@@ -1,0 +1,239 @@
+"""A part of a body to look at: one of several bodies, some boundaries, what lies behind a plane.
+
+A plane takes away what lies on the side of its normal.  Of a solid the section itself is drawn,
+too: elements are cut into tetrahedra, and each that the plane crosses adds one or two triangles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from ngsolve import CF, ET, CoefficientFunction, IntegrationRule, Mesh, x, y, z
+from scipy.spatial import Delaunay
+
+from ngepc.checks.arguments import boundary_names, require_direction, require_vector
+from ngepc.model.elements import cells_of
+from ngepc.pictures.sampling import Corners, corners_of, is_curved
+from ngepc.results.fields import Fields
+
+Plane = tuple[Sequence[float], Sequence[float]]
+"""A point of the plane and its normal, N numbers each; the side of the normal is taken away."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is drawn of a body: all of it by default.
+
+    Parameters
+    ----------
+    body
+        Name of a material: that body alone.
+    boundary
+        Names of boundaries of a solid, 'a' or 'a|b': these alone.
+    cut
+        A plane, see ``Plane``, in the undeformed configuration.
+
+    Raises
+    ------
+    TypeError, ValueError
+        By ``of``, if the mesh has no such part.
+    """
+
+    body: str | None = None
+    boundary: str | None = None
+    cut: Plane | None = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether everything is drawn."""
+        return self == Part()
+
+    def checked(self, mesh: Mesh) -> Part:
+        """The part with a plane as numbers; errors if the mesh has no such part."""
+        known = sorted(set(mesh.GetMaterials()))
+        if self.body is not None and self.body not in known:
+            raise ValueError(f"body={self.body!r}: the bodies are {', '.join(known)}")
+        if self.boundary is not None:
+            boundary_names("boundary", self.boundary, mesh)
+            if mesh.dim == 2:
+                raise ValueError(
+                    f"boundary={self.boundary!r}: boundaries of a solid are drawn; those of a "
+                    "plane body are curves: plot_contact_pressure"
+                )
+        if self.cut is None:
+            return self
+        if not isinstance(self.cut, Sequence) or len(self.cut) != 2:
+            raise TypeError(
+                f"cut={self.cut!r}: a pair of a point and a normal is needed, "
+                "((0.5, 0, 0), (1, 0, 0))"
+            )
+        point = require_vector("cut[0]", self.cut[0], (mesh.dim,))
+        normal = require_direction("cut[1]", self.cut[1], (mesh.dim,))
+        return replace(self, cut=(point, normal))
+
+
+def part_of(
+    fields: Fields,
+    on_surface: CoefficientFunction,
+    inside: CoefficientFunction | None,
+    part: Part,
+) -> Corners:
+    """Triangles of what is drawn: of the body in 2D, of the surface and the section in 3D.
+
+    ``on_surface`` is the coefficient there, ``inside`` that of the body, zero for None.
+    """
+    mesh = fields.problem.mesh
+    part = part.checked(mesh)
+    where = part.boundary
+    keep = None
+    if part.body is not None:
+        keep = elements_of(mesh, part.body, where)
+    corners = corners_of(fields, on_surface, where, keep=keep)
+    if part.cut is None:
+        return corners
+    cut = clipped(corners, part.cut)
+    if mesh.dim == 3 and part.boundary is None:
+        cut = side_by_side([cut, section(fields, inside, part)])
+    if not len(cut.points):
+        raise ValueError(f"cut={part.cut!r}: nothing is left behind this plane")
+    return cut
+
+
+def elements_of(mesh: Mesh, body: str, where: str | None) -> np.ndarray:
+    """Which elements of a picture belong to a body: those of the plane, or of the surface."""
+    if mesh.dim == 2:
+        return np.array([e.mat == body for e in mesh.Materials(".*").Elements()])
+    nodes, region = cells_of(mesh, 3)
+    names = np.array(mesh.GetMaterials())
+    own = np.unique(nodes[names[region] == body])
+    mine = np.zeros(mesh.nv + 1, dtype=bool)
+    mine[own[(own >= 0) & (own < mesh.nv)]] = True
+    facets = mesh.Boundaries(where or ".*").Elements()
+    return np.array([all(mine[v.nr] for v in facet.vertices) for facet in facets])
+
+
+def stacked(corners: Corners) -> np.ndarray:
+    """Positions, displacements and values side by side, (pieces, corners, 2 N + 1)."""
+    values = corners.values[..., None]
+    return np.concatenate([corners.points, corners.displacement, values], axis=2)
+
+
+def unstacked(data: np.ndarray) -> Corners:
+    """The opposite."""
+    n = (data.shape[2] - 1) // 2
+    return Corners(data[..., :n], data[..., n : 2 * n], data[..., -1])
+
+
+def side_by_side(parts: Sequence[Corners]) -> Corners:
+    """Several lists of triangles as one."""
+    return unstacked(np.concatenate([stacked(part) for part in parts]))
+
+
+def heights(points: np.ndarray, cut: Plane) -> np.ndarray:
+    """Signed distances from the plane."""
+    point, normal = cut
+    return (points - np.array(point)) @ np.array(normal)
+
+
+def between(
+    data: np.ndarray, level: np.ndarray, a: np.ndarray, b: np.ndarray
+) -> np.ndarray:
+    """Where the plane crosses the edges from corner ``a`` to ``b`` of each piece."""
+    row = np.arange(len(data))
+    part = level[row, a] / (level[row, a] - level[row, b])
+    return data[row, a] + part[:, None] * (data[row, b] - data[row, a])
+
+
+def clipped(corners: Corners, cut: Plane) -> Corners:
+    """Triangles behind a plane; those that it crosses are cut."""
+    data = stacked(corners)
+    level = heights(corners.points, cut)
+    gone = level > 0
+    count = gone.sum(axis=1)
+    found = [data[count == 0]]
+    for lost in (1, 2):
+        some = count == lost
+        own = data[some]
+        at = level[some]
+        alone = np.argmax(gone[some] == (lost == 1), axis=1)
+        second = (alone + 1) % 3
+        third = (alone + 2) % 3
+        row = np.arange(len(own))
+        p = between(own, at, alone, second)
+        q = between(own, at, alone, third)
+        if lost == 2:
+            found.append(np.stack([own[row, alone], p, q], axis=1))
+            continue
+        found.append(np.stack([p, own[row, second], own[row, third]], axis=1))
+        found.append(np.stack([p, own[row, third], q], axis=1))
+    return unstacked(np.concatenate(found))
+
+
+def section(fields: Fields, inside: CoefficientFunction | None, part: Part) -> Corners:
+    """Triangles of the section of a solid with a plane."""
+    mesh = fields.problem.mesh
+    region = mesh.Materials(part.body or ".*")
+    types = np.array([element.type for element in region.Elements()])
+    cuts = 2 if is_curved(fields) else 1
+    pieces = {shape: tetrahedra(shape, cuts) for shape in set(types)}
+    rules = {
+        shape: IntegrationRule(p.tolist(), [0.0] * len(p))
+        for shape, (p, _) in pieces.items()
+    }
+    mapped = mesh.MapToAllElements(rules, region)
+    counts = np.array([len(pieces[shape][0]) for shape in types])
+    first = np.cumsum(counts) - counts
+    of_tetrahedra = np.concatenate([
+        (first[types == shape][:, None, None] + corners).reshape(-1, 4)
+        for shape, (_, corners) in pieces.items()
+    ])  # fmt: skip
+    inside = CF(0.0) if inside is None else inside
+    sampled = (CF((x, y, z)), fields.displacement, inside)
+    each = [np.asarray(c(mapped), float).reshape(len(mapped), -1) for c in sampled]
+    data = np.concatenate(each, axis=1)[of_tetrahedra]
+    level = heights(data[..., :3], part.cut)
+    triangles = crossed(data, level)
+    return unstacked(facing(triangles, np.array(part.cut[1])))
+
+
+def facing(data: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Triangles in space with their corners counterclockwise around a direction."""
+    a, b, c = (data[:, k, :3] for k in range(3))
+    turned = np.cross(b - a, c - a) @ normal < 0
+    data[turned] = data[turned][:, [0, 2, 1]]
+    return data
+
+
+def crossed(data: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """One or two triangles for each tetrahedron that the plane crosses."""
+    above = level > 0
+    count = above.sum(axis=1)
+    found = []
+    for lone in (1, 3):
+        some = count == lone
+        own, at = data[some], level[some]
+        apex = np.argmax(above[some] == (lone == 1), axis=1)
+        ends = [between(own, at, apex, (apex + k) % 4) for k in (1, 2, 3)]
+        found.append(np.stack(ends, axis=1))
+    some = count == 2
+    own, at = data[some], level[some]
+    order = np.argsort(above[some], axis=1, kind="stable")
+    a, b, c, d = order.T
+    pairs = ((a, c), (a, d), (b, d), (b, c))
+    p, q, r, s = (between(own, at, i, j) for i, j in pairs)
+    found += [np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)]
+    return np.concatenate(found)
+
+
+def tetrahedra(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a reference element whose edges are cut into n parts, and its tetrahedra."""
+    t = np.arange(n + 1) / n
+    lattice = np.stack(np.meshgrid(t, t, t, indexing="ij"), axis=-1).reshape(-1, 3)
+    total = {ET.TET: lattice.sum(axis=1), ET.PRISM: lattice[:, :2].sum(axis=1)}
+    points = lattice[total.get(shape, np.zeros(len(lattice))) <= 1 + 1e-12]
+    found = Delaunay(points).simplices
+    edges = points[found[:, 1:]] - points[found[:, :1]]
+    solid = np.abs(np.linalg.det(edges)) > 1e-9
+    return points, found[solid]
