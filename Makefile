@@ -52,6 +52,7 @@ campaigns: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results crossings
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results derivatives
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results equilibria
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results cones
 
 test-petsc: $(PETSC_VENV)/.test
 	PETSC_DIR=$(PETSC_DIR) NGEPC_NEEDS_PETSC=1 $(PETSC_VENV)/bin/python -m pytest tests/local

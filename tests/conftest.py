@@ -45,6 +45,7 @@ SLOW = (
     "model/test_own.py",
     "paper",
     "physics/test_closed_forms.py",
+    "physics/test_cones.py",
     "physics/test_convergence_rates.py",
     "physics/test_crossings.py",
     "physics/test_kinematics.py",

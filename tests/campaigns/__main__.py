@@ -2,13 +2,15 @@
 
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
 --rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
-or ``hidden --count 400``, or ``equilibria``.
+or ``hidden --count 400``, or ``equilibria``, or
+``cones``.
 """
 
 import argparse
 import re
 from pathlib import Path
 
+from campaigns.cones import Cones
 from campaigns.crossings import Crossings
 from campaigns.derivatives import Derivatives
 from campaigns.equilibria import Equilibria
@@ -53,6 +55,12 @@ def arguments():
     friction.add_argument("--count", type=int, default=Equilibria.count)
     friction.add_argument("--seed", type=int, default=Equilibria.seed)
     friction.add_argument("--rows", type=rows, default=Equilibria.rows)
+    cones = campaigns.add_parser(
+        "cones", help="random convex problems beside conic programming"
+    )
+    cones.set_defaults(kind=Cones, options=("count", "seed"))
+    cones.add_argument("--count", type=int, default=Cones.count)
+    cones.add_argument("--seed", type=int, default=Cones.seed)
     slopes = campaigns.add_parser(
         "derivatives", help="gradients of random problems, differences"
     )
