@@ -36,6 +36,7 @@ SLOW = (
     "dual/test_statuses.py",
     "dual/test_threads.py",
     "evolution",
+    "geometries/test_files.py",
     "geometries/test_geometries.py",
     "limit",
     "local/test_counts.py",

@@ -47,7 +47,7 @@ COVERED = 6
 BEYOND = 1e-4
 """How far a point just outside a mesh is from it, as a part of an element's width."""
 
-_PATTERN = frozenset(
+PATTERN = frozenset(
     "\\^$.*+?()[]{}|"
 )  # signs that NGSolve does not take for themselves
 
@@ -173,8 +173,8 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
             raise ValueError(
                 f"{asked}there is no boundary {part!r}; this mesh has {legal}"
             )
-        if _PATTERN & set(part):
-            signs = "".join(sorted(_PATTERN)) + ", a pattern to NGSolve: rename it"
+        if PATTERN & set(part):
+            signs = "".join(sorted(PATTERN)) + ", a pattern to NGSolve: rename it"
             raise ValueError(f"{asked}the name {part!r} has one of the signs {signs}")
     if not parts:
         raise ValueError(f"{asked}at least one boundary name is needed")

@@ -3,7 +3,7 @@
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
 --rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
 or ``hidden --count 400``, or ``equilibria``, or
-``cones``.
+``cones``, or ``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers.
 """
 
 import argparse
@@ -14,6 +14,7 @@ from campaigns.cones import Cones
 from campaigns.crossings import Crossings
 from campaigns.derivatives import Derivatives
 from campaigns.equilibria import Equilibria
+from campaigns.foreign import Foreign
 from campaigns.fuzz import Fuzz
 from campaigns.hidden import Hidden
 from campaigns.limits import Limits
@@ -74,6 +75,10 @@ def arguments():
     limits.set_defaults(kind=Limits, options=("count", "seed"))
     limits.add_argument("--count", type=int, default=Limits.count)
     limits.add_argument("--seed", type=int, default=Limits.seed)
+    files = campaigns.add_parser("foreign", help="files that others have written")
+    files.set_defaults(kind=Foreign, options=("beds", "nodes"))
+    files.add_argument("--beds", type=Path, default=Foreign.beds)
+    files.add_argument("--nodes", type=int, default=Foreign.nodes)
     return parser
 
 

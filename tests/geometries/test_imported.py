@@ -127,7 +127,7 @@ def test_what_has_no_group_is_free():
 
 
 @pytest.mark.parametrize("shape", ["triangles", "tetrahedra"])
-def test_facets_in_no_set_are_free_if_they_are_outer(shape):
+def test_facets_in_no_set_are_boundary_if_they_are_outer(shape):
     """Also in space, also where the file lists them, and those inside the body are none."""
     mesh = MESHES[shape]()
     source = as_meshio(mesh)
@@ -135,10 +135,11 @@ def test_facets_in_no_set_are_free_if_they_are_outer(shape):
         *source.cells,
         (source.cells[-1].type, source.cells[0].data[:, : mesh.dim]),
     ]
-    again = imported.mesh(meshio.Mesh(source.points, cells))
+    with pytest.warns(UserWarning, match="has no groups"):
+        again = imported.mesh(meshio.Mesh(source.points, cells))
     assert again.GetMaterials() == ("body",)
-    assert set(again.GetBoundaries()) == {"free"}
-    assert len(list(again.Boundaries("free").Elements())) == len(
+    assert set(again.GetBoundaries()) == {"boundary"}
+    assert len(list(again.Boundaries("boundary").Elements())) == len(
         list(mesh.Elements(BND))
     )
 
@@ -176,10 +177,6 @@ def only_lines(source):
 
 
 BAD = {
-    "no name": (
-        lambda s: s.field_data.pop("left"),
-        "group 3 of dimension 1 has no name",
-    ),
     "not flat": (
         lambda s: s.points.__setitem__((slice(None), 2), s.points[:, 0] ** 2),
         "constant z, or solid cells, are needed",
