@@ -188,6 +188,8 @@ STUDIES = {
     "bounds": Command("guaranteed bounds beside the error", work="bounds:Bounds"),
     "benchmarks": Command("published problems: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
                           ("--rows A,B", "--figures"), "benchmarks:Benchmarks"),
+    "accuracy": Command("time to 5 and 1 percent of a number, beside CalculiX",
+                        work="accuracy:Accuracy"),
     "large": Command("large bodies by multigrid", ("--levels N", "--solver"), "large:Large"),
     "processes": Command("a large body shared by processes: time and memory of each",
                          ("--levels N", "--counts N,M"), "large:Processes"),

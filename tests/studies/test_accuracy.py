@@ -1,0 +1,96 @@
+"""The study of accuracy: decks that CalculiX solves as we do, and times read off between meshes."""
+
+import math
+
+import numpy as np
+import pytest
+from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
+
+from ngepc.studies import calculix
+from ngepc.studies.accuracy import (
+    CASES,
+    Accuracy,
+    by_calculix,
+    by_ngepc,
+    deck_of,
+    shown_time,
+    time_to,
+)
+from ngepc.studies.calculix import CORNER_EDGES, FACES, QuadraticMesh
+
+needs_ccx = pytest.mark.skipif(not calculix.available(), reason="ccx is not installed")
+
+MESHES = {
+    "triangles": MakeStructured2DMesh(nx=2, ny=3, quads=False),
+    "quadrilaterals": MakeStructured2DMesh(nx=2, ny=3, quads=True),
+    "tetrahedra": MakeStructured3DMesh(nx=2, ny=1, nz=1, hexes=False),
+    "hexahedra": MakeStructured3DMesh(nx=2, ny=1, nz=1, hexes=True),
+}
+
+
+@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
+def test_middles_lie_between_corners(mesh):
+    body = QuadraticMesh(mesh)
+    x = body.points[body.elements]
+    edges = CORNER_EDGES[body.shape]
+    corners = body.corners.shape[1]
+    for number, (a, b) in enumerate(edges):
+        assert np.allclose(x[:, corners + number], (x[:, a] + x[:, b]) / 2)
+    assert len(np.unique(body.elements)) == len(body.points)
+
+
+@pytest.mark.parametrize("name", ["tetrahedra", "hexahedra"])
+def test_faces_point_outwards(name):
+    """The normals of the faces S1, S2, ... by the right-hand rule add up to zero and point out."""
+    body = QuadraticMesh(MESHES[name])
+    x = body.points[body.corners]
+    centre = x.mean(axis=1)
+    for face in FACES[body.shape]:
+        p = x[:, list(face)]
+        normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+        outwards = np.einsum("ei,ei->e", normal, p.mean(axis=1) - centre)
+        assert (outwards > 0).all() or (outwards < 0).all()
+
+
+def test_nodes_and_edges_of_a_boundary():
+    body = QuadraticMesh(MESHES["triangles"])
+    right = body.nodes_on("right")
+    assert np.allclose(body.points[right, 0], 1)
+    assert len(right) == 2 * 3 + 1
+    assert sum(length for *_, length in body.edges_on("right")) == pytest.approx(1)
+
+
+@needs_ccx
+@pytest.mark.parametrize(
+    ("case", "bricks", "tolerance"),
+    [("Cook's membrane", False, 1e-3), ("plastic hinge, 3D", False, 5e-3)],
+)
+def test_two_programs_agree(case, bricks, tolerance):
+    """The same quadratic simplices; one increment here, some there."""
+    ours = by_ngepc(CASES[case], "default", 0)
+    theirs = by_calculix(CASES[case], bricks, 0)
+    assert ours["status"] == theirs["status"] == "converged"
+    assert ours["value"] == pytest.approx(theirs["value"], rel=tolerance)
+
+
+def test_decks_of_all_cases_are_written():
+    for case in CASES.values():
+        lines = deck_of(case, case.mesh(0, True)).lines
+        assert lines[-1] == "*END STEP"
+        assert any(line.startswith("*NODE PRINT") for line in lines)
+
+
+def test_times_are_read_off_between_meshes():
+    errors = [0.1, 0.025, 0.00625]
+    times = [1.0, 4.0, 16.0]
+    assert time_to(errors, times, 0.05) == pytest.approx(2.0)
+    assert time_to(errors, times, 0.2) == 1.0
+    assert time_to(errors, times, 1e-3) == math.inf
+    assert time_to([0.01, 0.2], [1.0, 2.0], 0.05) == math.inf
+    assert shown_time(math.inf) == "-"
+
+
+def test_without_ccx_its_rows_are_left_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(calculix, "available", lambda: False)
+    programs = {cell["program"] for cell in Accuracy(tmp_path).cells()}
+    assert programs == {"default", "order 1", "order 2, direct", "order 2, PyAMG"}
