@@ -5,7 +5,9 @@ The meshes of the two bodies of a pair do not match.
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import combinations, permutations
 
+import numpy as np
 from netgen.occ import (  # fmt: skip
     Box,
     Circle,
@@ -21,6 +23,8 @@ from netgen.occ import (  # fmt: skip
     Z,
 )
 from ngsolve import Mesh
+
+from .outlines import netgen_mesh
 
 
 def polygon(corners: Sequence[tuple[float, float]]) -> Face:
@@ -175,3 +179,44 @@ def stacked_blocks(N: int, maxh: float) -> Mesh:
         sides.Max(X).name = right
         sides.Min(up).name, sides.Max(up).name = bottom, top
     return Mesh(OCCGeometry(Compound(bodies), dim=N).GenerateMesh(maxh=1))
+
+
+def quarter_under_punch(
+    half: float, depth: float, patch: float, cells: tuple[int, int]
+) -> Mesh:
+    """The quarter x, y > 0 of a block below z = 0 with a square patch in the middle of its top.
+
+    Tetrahedra, six in each of so many boxes along a side and the depth; ``patch`` is half of the
+    width of the square and ends between boxes.  Boundaries ``punch`` (the patch), ``free`` (the
+    rest of the top), ``left`` (x = 0), ``front`` (y = 0), ``right``, ``back``, ``bottom``.
+    """
+    across, down = cells
+    steps = [np.linspace(0, half, across + 1)] * 2 + [np.linspace(-depth, 0, down + 1)]
+    x = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    shape = (across + 1, across + 1, down + 1)
+    number = np.arange(len(x)).reshape(shape)
+    tetrahedra = []
+    for order in permutations(range(3)):
+        corner = np.zeros(3, dtype=int)
+        path = [number[:-1, :-1, :-1]]
+        for axis in order:
+            corner[axis] = 1
+            places = (slice(c, n - 1 + c) for c, n in zip(corner, shape, strict=True))
+            path.append(number[tuple(places)])
+        if np.linalg.det(np.eye(3)[list(order)]) < 0:
+            path[:2] = path[1::-1]
+        tetrahedra.append(np.stack(path, axis=-1).reshape(-1, 4))
+    nodes = np.concatenate(tetrahedra)
+    faces = np.sort(nodes[:, list(combinations(range(4), 3))].reshape(-1, 3), axis=1)
+    faces, count = np.unique(faces, axis=0, return_counts=True)
+    faces = faces[count == 1]
+    centre = x[faces].mean(axis=1)
+    groups = [(3, "body", nodes)]
+    walls = {"left": (0, 0.0), "front": (1, 0.0), "right": (0, half), "back": (1, half)}
+    walls |= {"bottom": (2, -depth), "free": (2, 0.0)}
+    pressed = (centre[:, 2] == 0) & (centre[:, :2].max(axis=1) < patch)
+    groups.append((2, "punch", faces[pressed]))
+    for name, (axis, place) in walls.items():
+        on = np.isclose(x[faces][:, :, axis], place).all(axis=1) & ~pressed
+        groups.append((2, name, faces[on]))
+    return Mesh(netgen_mesh(3, x, groups))

@@ -31,6 +31,30 @@ WIDE = 0.5
 """Relative width of a bracket beyond which its mechanism does not yet say where it matters."""
 
 
+def split_corners(data: LimitData) -> tuple[Simplices, np.ndarray]:
+    """Cells with several outer facets, cut from their middle so that each has one; and parents.
+
+    In one cell with an affine stress the tractions of two of its facets depend on each other along
+    their common edge: loads that do not agree there would leave no stress at all.
+    """
+    cells = data.cells
+    N = cells.N
+    several = cells.outer[cells.facet_of].sum(axis=1) > 1
+    own = np.arange(len(several))
+    middle = len(cells.points) + np.arange(several.sum())
+    points = np.vstack([cells.points, cells.points[cells.nodes[several]].mean(axis=1)])
+    nodes = [cells.nodes[~several]]
+    parents = [own[~several]]
+    for k in range(N + 1):
+        part = cells.nodes[several].copy()
+        part[:, k] = middle
+        nodes.append(part)
+        parents.append(own[several])
+    numbers = np.concatenate(parents)
+    order = np.argsort(data.region[numbers], kind="stable")
+    return Simplices(points, np.concatenate(nodes)[order]), numbers[order]
+
+
 def fan_angle(width: float) -> float:
     """Largest angle of a fan's triangles for a mesh that follows one of this relative width."""
     return min(WIDEST, RESOLVED * math.sqrt(width / AT_WIDTH))

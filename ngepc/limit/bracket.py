@@ -7,8 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ngepc.bounds.simplices import FACETS
 from ngepc.limit.data import LimitData, barycentric
-from ngepc.limit.quadratic import Kinematics2, Mechanism
+from ngepc.limit.mechanism import Mechanism
+from ngepc.limit.quadratic import QuadraticVelocities
+from ngepc.limit.sliding import SlidingVelocities
 from ngepc.limit.static import AdmissibleStress, Statics
 from ngepc.limit.yielding import YieldShape
 from ngepc.linalg.conic import cone_solution
@@ -19,6 +22,9 @@ UNBOUNDED = ("DualInfeasible", "AlmostDualInfeasible")
 INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
 """Those for conditions that contradict each other."""
 
+VELOCITIES = {2: QuadraticVelocities, 3: SlidingVelocities}
+"""Space dimension -> what velocities are made of."""
+
 
 @dataclass(frozen=True, eq=False)
 class MeshBracket:
@@ -26,8 +32,8 @@ class MeshBracket:
 
     Parameters
     ----------
-    data
-        The data on it.
+    data, shape
+        The data on it, and the yield condition.
     stress, mechanism
         Behind the bounds; None where the solver found none.
     unlimited
@@ -38,6 +44,7 @@ class MeshBracket:
     """
 
     data: LimitData
+    shape: YieldShape
     stress: AdmissibleStress | None
     mechanism: Mechanism | None
     unlimited: bool
@@ -69,7 +76,34 @@ class MeshBracket:
         at_vertices = np.einsum("tic,tic->t", stress, strain)
         of_sums = np.einsum("tc,tc->t", stress.sum(axis=1), strain.sum(axis=1))
         power = cells.volume / ((N + 1) * (N + 2)) * (at_vertices + of_sums)
-        return self.mechanism.dissipated - power
+        return self.mechanism.dissipated - power + self._slip_gaps()
+
+    def _slip_gaps(self) -> np.ndarray:
+        """The same for slips on facets, half of it for the cell on each side."""
+        cells = self.data.cells
+        if not self.mechanism.slipped.any():
+            return np.zeros(len(cells.nodes))
+        N = cells.N
+        tensors = np.einsum("tic,cpq->tipq", self.stress.coordinates, self.shape.basis)
+        first = cells.sign > 0
+        stress = np.zeros((len(cells.facets), N, N, N))
+        for k, vertices in enumerate(FACETS[N]):
+            own = np.flatnonzero(first[:, k])
+            facets = cells.facet_of[own, k]
+            for m, i in enumerate(vertices):
+                stress[facets, cells.place[own, k, m]] = tensors[own, i]
+        traction = np.einsum("fipq,fq->fip", stress, cells.normal)
+        slips = self.mechanism.slips
+        at_vertices = np.einsum("fip,fip->f", traction, slips)
+        of_sums = np.einsum("fp,fp->f", traction.sum(axis=1), slips.sum(axis=1))
+        power = cells.measure / (N * (N + 1)) * (at_vertices + of_sums)
+        gaps = self.mechanism.slipped + power
+        owners = cells.owners
+        sides = np.where(cells.outer, 1, 2)
+        result = np.bincount(owners[:, 0], gaps / sides, minlength=len(cells.nodes))
+        inside = ~cells.outer
+        second = owners[inside, 1]
+        return result + np.bincount(second, gaps[inside] / 2, minlength=len(result))
 
 
 def centre_of(statics: Statics) -> np.ndarray | None:
@@ -112,14 +146,15 @@ def bracket_on(
         if np.isfinite(found.x).all() and word not in UNBOUNDED:
             x, _ = statics.admissible(found.x, centre)
             stress = statics.stress(x)
-    kinematics = Kinematics2(data, shape)
-    flow = kinematics.program()
+    velocities = VELOCITIES[data.cells.N](data, shape)
+    flow = velocities.flow.program()
     moved = cone_solution(flow)
     mechanism = None
     if moved.status not in (*INFEASIBLE, *UNBOUNDED) and np.isfinite(moved.x).all():
-        mechanism = kinematics.admissible(moved.x[: kinematics.directions.shape[1]])
+        mechanism = velocities.mechanism(moved.x)
     bracket = MeshBracket(
         data,
+        shape,
         stress,
         mechanism,
         word in UNBOUNDED,

@@ -15,10 +15,9 @@ from ngsolve import (
 )
 
 from ngepc.bounds.contact import BUBBLE
-from ngepc.bounds.simplices import Simplices
 from ngepc.geometries.outlines import netgen_mesh
 from ngepc.limit.data import LimitData
-from ngepc.limit.quadratic import Mechanism
+from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.static import AdmissibleStress
 from ngepc.limit.yielding import YieldShape
 
@@ -49,6 +48,16 @@ def on_elements(mesh: Mesh, values: np.ndarray) -> GridFunction:
     return result
 
 
+def discontinuous(mesh: Mesh, values: np.ndarray) -> GridFunction:
+    """A vector that is affine on each element, with values (elements, vertices, N)."""
+    space = Discontinuous(H1(mesh, order=1))
+    result = GridFunction(space**mesh.dim)
+    components = values.reshape(-1, mesh.dim).T
+    for component, numbers in zip(result.components, components, strict=True):
+        component.vec.FV().NumPy()[:] = numbers
+    return result
+
+
 def stress_function(
     mesh: Mesh,
     data: LimitData,
@@ -70,11 +79,15 @@ def stress_function(
 
 
 def velocity_function(
-    mesh: Mesh, cells: Simplices, mechanism: Mechanism
+    mesh: Mesh, data: LimitData, mechanism: Mechanism
 ) -> GridFunction:
     """The velocity of a mechanism, with a largest speed of one."""
-    result = GridFunction(VectorH1(mesh, order=2))
+    cells = data.cells
     values = mechanism.values
+    speed = np.linalg.norm(values, axis=2).max()
+    if cells.N == 3:
+        return discontinuous(mesh, values[cell_order(data)] / speed)
+    result = GridFunction(VectorH1(mesh, order=2))
     corners = np.empty(cells.points.shape)
     corners[cells.nodes] = values[:, : cells.N + 1]
     middles = np.empty((len(cells.facets), cells.N))
@@ -82,6 +95,5 @@ def velocity_function(
     ends = np.array([[v.nr for v in edge.vertices] for edge in mesh.edges])
     bubbles = middles[cells.facets_between(ends)] - corners[ends].mean(axis=1)
     whole = np.concatenate([corners, 4 * bubbles / BUBBLE])
-    speed = np.linalg.norm(values, axis=2).max()
     result.vec.FV().NumPy()[:] = (whole / speed).T.ravel()
     return result

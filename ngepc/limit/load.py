@@ -12,10 +12,11 @@ from functools import cached_property
 import numpy as np
 from ngsolve import CoefficientFunction, GridFunction, Mesh
 
-from ngepc.bounds.simplices import marked
+from ngepc.bounds.simplices import Simplices, marked
+from ngepc.bounds.transfer import bisected
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.limit.bisection import bisected_cells, fan_cells
+from ngepc.limit.bisection import bisected_cells, fan_cells, split_corners
 from ngepc.limit.bracket import MeshBracket, bracket_on, carried_centre
 from ngepc.limit.fields import (
     cell_order,
@@ -34,8 +35,17 @@ log = logging.getLogger(__name__)
 MARKING = 0.5
 """Share of the gap in the cells that are cut."""
 
+AIM = 0.97
+"""Part of the width asked for that the last mesh is made for."""
+
+EXPECTED = 0.6
+"""Part of the gap of cells that goes where they are cut."""
+
 MAX_CELLS = 10_000
 """No mesh has more cells unless the user says so."""
+
+NOTHING = 1e-6
+"""Lower bound over upper bound below which loads do not agree in the corners of a solid."""
 
 HARDENS = "Hardening does not count: the strength is the yield stress of the material."
 
@@ -157,7 +167,7 @@ class LimitLoad:
         """A velocity that the loads can drive, a function on ``mesh``; its largest speed is one."""
         if self.last.mechanism is None:
             return None
-        return velocity_function(self.mesh, self.last.data.cells, self.last.mechanism)
+        return velocity_function(self.mesh, self.last.data, self.last.mechanism)
 
     @cached_property
     def stress(self) -> CoefficientFunction | None:
@@ -253,10 +263,13 @@ class Search:
     """The loop over meshes, without units but for the records."""
 
     last: MeshBracket
+    asked: float
 
     def __init__(self, problem: Problem, growing: tuple[str, ...]) -> None:
         self.shape: YieldShape = SHAPES[problem.kinematics.name]
-        self.data, self.unit = limit_data(problem, growing).without_units()
+        self.original = limit_data(problem, growing)
+        self.mesh = problem.mesh
+        self.data, self.unit = self.original.without_units()
         self.lower = -math.inf
         self.upper = math.inf
         self.records: list[LimitRecord] = []
@@ -269,6 +282,7 @@ class Search:
         monitor: Callable[[LimitRecord], None] | None,
     ) -> LimitStatus:
         """Solve, and cut cells, until the bracket is as narrow as asked."""
+        self.asked = asked
         while True:
             self.last, self.centre = bracket_on(self.data, self.shape, self.centre)
             record = self.record()
@@ -303,13 +317,28 @@ class Search:
         last = self.last
         cells = last.data.cells
         width = width_of(self.lower, self.upper)
-        dissipated = last.gaps if last.mechanism is None else last.mechanism.dissipated
-        fans = fan_cells(last.data, dissipated, width)
-        chosen = marked(last.gaps, MARKING)
-        finer, parents = bisected_cells(cells, chosen, fans)
+        share = MARKING
+        if math.isfinite(width):
+            share = min(share, (1 - AIM * self.asked / width) / EXPECTED)
+        chosen = marked(last.gaps, share)
+        if cells.N == 2:
+            flow = last.mechanism
+            dissipated = last.gaps if flow is None else flow.dissipated
+            fans = fan_cells(last.data, dissipated, width)
+            finer, parents = bisected_cells(cells, chosen, fans)
+            data = last.data.on(finer, parents)
+        else:
+            if self.lower > NOTHING * self.upper:
+                self.mesh, parents = bisected(self.mesh, chosen)
+                finer = Simplices.of(self.mesh)
+            else:
+                finer, parents = split_corners(self.original)
+                whole = self.original.on(finer, parents)
+                self.mesh = mesh_of(whole, self.mesh, 1.0)
+            self.original = self.original.on(finer, parents)
+            data, _ = self.original.without_units()
         if len(finer.nodes) > max_cells:
             return False
-        data = last.data.on(finer, parents)
         if self.centre is not None:
             self.centre = carried_centre(last.data, data, parents, self.centre)
         self.data = data

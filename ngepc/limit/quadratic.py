@@ -8,26 +8,18 @@ Velocities on facets are bounded by their Bernstein coefficients.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from scipy.sparse import csr_matrix, diags, hstack, vstack
+from scipy.sparse import csr_matrix, diags
 
 from ngepc.bounds.simplices import FACETS
 from ngepc.limit.data import GROWS, STAYS, LimitData
-from ngepc.limit.repair import Projection
+from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
+from ngepc.limit.mechanism import ENCLOSED, Mechanism
 from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import YieldShape
-from ngepc.linalg.conic import ConeProgram
 
 CUTS = 8
 """Into how many parts edges are cut to integrate the dissipation of a solution."""
-
-LIFTED = 1e-7
-"""Speed off an obstacle, relative to the largest, below which it is set to zero."""
-
-ENCLOSED = 4.0
-"""How often what rounding leaves counts as dissipation."""
 
 BERNSTEIN = np.array([[1.0, 0, 0], [0, 1.0, 0], [-0.5, -0.5, 2.0]])
 """Coefficients on an edge from the values at its ends and in the middle."""
@@ -39,30 +31,7 @@ WORK = np.array([[1 / 6, 0], [0, 1 / 6], [1 / 3, 1 / 3]])
 """Integrals of the basis (ends, middle) times hat functions of the ends, over the length."""
 
 
-@dataclass(frozen=True, eq=False)
-class Mechanism:
-    """An admissible velocity that does unit power with the loads that grow.
-
-    Parameters
-    ----------
-    values
-        Velocities at the vertices and the middles of the edges of each cell, (nc, 6, N): edges
-        opposite to the vertices, in their order.
-    strain
-        Coordinates of the strain rate at the vertices of each cell, (nc, N + 1, s).
-    dissipated
-        What each cell dissipates.
-    factor
-        The upper bound of the load factor.
-    """
-
-    values: np.ndarray
-    strain: np.ndarray
-    dissipated: np.ndarray
-    factor: float
-
-
-class Kinematics2:
+class QuadraticVelocities:
     """Velocities v = motion + directions @ y with unknowns y, and what they do.
 
     Parameters
@@ -84,14 +53,24 @@ class Kinematics2:
         self.count = cells.N * (len(cells.points) + len(cells.facets))
         self.directions, self.motion = self._supported()
         self.strain = self._strain_rows()
-        self.power = np.stack([self._power(kind) for kind in (GROWS, STAYS)])
-        self.push, self.drag, self.drag_cost = self._obstacle_rows()
         # the strain rates of the programs are multiplied by the size of the cell
         self.size = np.sqrt(cells.volume)
         scaled = diags(np.repeat(self.size, 3 * shape.size)) @ self.strain
         free = np.arange(self.strain.shape[0]) % shape.size < shape.free
-        self._free = scaled.tocsr()[free]
-        self._capped = scaled.tocsr()[~free]
+        weights = np.repeat(data.bound * cells.volume / (3 * self.size), 3)
+        capped = self._applied(scaled.tocsr()[~free])
+        push, rubbing = self._obstacle_rows()
+        self.flow = Flow(
+            none=self._applied(scaled.tocsr()[free]),
+            push=push,
+            power=(self._power(GROWS), self._power(STAYS)),
+            parts=[DissipatedPart(capped, shape.capped, weights), *rubbing],
+            moves=data.moves,
+        )
+
+    def _applied(self, matrix: csr_matrix) -> AffineRows:
+        """A matrix times the velocities."""
+        return AffineRows(csr_matrix(matrix @ self.directions), matrix @ self.motion)
 
     def _supported(self) -> tuple[csr_matrix, np.ndarray]:
         """Directions that supports leave free, (N nodes, unknowns), and their own velocity."""
@@ -164,8 +143,8 @@ class Kinematics2:
         columns = (2 * self.nodes[..., None] + np.arange(2))[:, None, None]
         return sparse_rows(values, rows, columns, (count, self.count))
 
-    def _power(self, kind: int) -> np.ndarray:
-        """Power of the loads that grow or stay, as a vector on the velocities."""
+    def _power(self, kind: int) -> AffineRows:
+        """Power of the loads that grow or stay."""
         data = self.data
         cells = data.cells
         N = cells.N
@@ -175,10 +154,10 @@ class Kinematics2:
         loads = np.where(cells.outer[:, None, None], data.traction[kind], 0.0)
         by_area = np.einsum("f,ni,fip->fnp", cells.measure, WORK, loads)
         np.add.at(result, self.facet_nodes, by_area)
-        return result.ravel()
+        return self._applied(csr_matrix(result.ravel()))
 
-    def _obstacle_rows(self) -> tuple[csr_matrix, csr_matrix, np.ndarray]:
-        """Speeds into the obstacle and along it, by Bernstein coefficients, and costs of these."""
+    def _obstacle_rows(self) -> tuple[AffineRows, list[DissipatedPart]]:
+        """Speeds into obstacles by Bernstein coefficients, and friction by those along them."""
         data = self.data
         cells = data.cells
         N = cells.N
@@ -196,107 +175,43 @@ class Kinematics2:
         rubs = cost.ravel() > 0
         dragged = np.zeros((len(rubs), N), dtype=bool)
         dragged[rubs, 1:] = True
-        return matrix[normal], matrix[dragged.ravel()], cost.ravel()[rubs]
+        push = self._applied(matrix[normal])
+        if not rubs.any():
+            return push, []
+        along = self._applied(matrix[dragged.ravel()])
+        return push, [DissipatedPart(along, N - 1, cost.ravel()[rubs])]
 
-    def equations(self) -> tuple[csr_matrix, np.ndarray]:
-        """No free strain rate, and unit power of the loads that grow, for y."""
-        rows = self._free @ self.directions
-        values = -(self._free @ self.motion)
-        if self.data.moves:
-            return rows, values
-        power = csr_matrix(self.power[GROWS] @ self.directions)
-        return vstack([rows, power], format="csr"), np.append(values, 1.0)
-
-    def weights(self) -> np.ndarray:
-        """What a strain rate of one over the size of the cell at its vertices dissipates."""
-        cells = self.data.cells
-        return np.repeat(self.data.bound * cells.volume / (3 * self.size), 3)
-
-    def program(self) -> ConeProgram:
-        """The conic program of the smallest dissipation; sizes follow the unknowns y."""
-        equations, values = self.equations()
-        parts = [(self._capped, self.shape.capped, self.weights())]
-        if len(self.drag_cost):
-            parts.append((self.drag, self.data.cells.N - 1, self.drag_cost))
-        width = self.directions.shape[1]
-        sizes = sum(len(cost) for _, _, cost in parts)
-        cones = []
-        first = 0
-        for rows, size, cost in parts:
-            cones.append(self._cone(rows, size, len(cost), first, sizes))
-            first += len(cost)
-        staying = -(self.power[STAYS] @ self.directions)
-        cost = np.concatenate([staying, *(cost for _, _, cost in parts)])
-        nothing = csr_matrix((equations.shape[0], sizes))
-        above = hstack(
-            [-self.push @ self.directions, csr_matrix((self.push.shape[0], sizes))]
-        )
-        assert len(cost) == width + sizes
-        return ConeProgram(
-            cost,
-            csr_matrix(hstack([equations, nothing])),
-            values,
-            csr_matrix(above),
-            self.push @ self.motion,
-            cones,
-        )
-
-    def _cone(
-        self, rows: csr_matrix, size: int, count: int, first: int, sizes: int
-    ) -> tuple[csr_matrix, np.ndarray, int]:
-        """Sizes, unknowns from ``first`` on, are at least those of rows taken so many at a time."""
-        moved = (rows @ self.directions).tocoo()
-        width = self.directions.shape[1]
-        offset = np.zeros((count, size + 1))
-        offset[:, 1:] = (rows @ self.motion).reshape(count, size)
-        place = (size + 1) * (moved.row // size) + 1 + moved.row % size
-        tops = (size + 1) * np.arange(count)
-        entries = np.concatenate([moved.data, np.ones(count)])
-        where = (
-            np.concatenate([place, tops]),
-            np.concatenate([moved.col, width + first + np.arange(count)]),
-        )
-        matrix = csr_matrix((entries, where), shape=(offset.size, width + sizes))
-        return matrix, offset.ravel(), size + 1
-
-    def admissible(self, y: np.ndarray) -> Mechanism:
-        """The mechanism nearest to unknowns y, with its dissipation enclosed."""
-        scale = LIFTED * float(np.abs(y).max())
-        rows, values = self.equations()
-        pushed = self.push @ self.directions
-        pushing = self.push @ self.motion
-        while True:
-            active = pushed @ y + pushing > -scale
-            equations = vstack([rows, pushed[active]], format="csr")
-            y, left = Projection(equations, np.concatenate([values, -pushing[active]]))(
-                y
-            )
-            if not (pushed @ y + pushing > 0)[~active].any():
-                break
-        return self.mechanism(self.motion + self.directions @ y, left)
-
-    def mechanism(self, v: np.ndarray, left: np.ndarray) -> Mechanism:
-        """Dissipation and load factor of an admissible velocity, up to what rounding leaves."""
-        cells = self.data.cells
+    def mechanism(self, solution: np.ndarray) -> Mechanism:
+        """The admissible mechanism nearest to a solution, with its dissipation enclosed."""
+        data = self.data
+        cells = data.cells
         shape = self.shape
+        y, left = self.flow.admissible(solution)
+        v = self.motion + self.directions @ y
         strain = (self.strain @ v).reshape(len(cells.nodes), 3, shape.size)
         rounding = ENCLOSED * np.abs(self.directions @ left)
-        unsure = abs(self.strain) @ rounding
-        unsure = np.linalg.norm(unsure.reshape(strain.shape), axis=2).max(axis=1)
+        unsure = (abs(self.strain) @ rounding).reshape(strain.shape)
+        unsure = np.linalg.norm(unsure, axis=2).max(axis=1)
         points, weights = cut_triangle(CUTS)
         sizes = np.linalg.norm(points @ strain[:, :, shape.free :], axis=2)
-        density = sizes @ weights + unsure
-        dissipated = self.data.bound * cells.volume * density
-        rubbed = np.linalg.norm(
-            (self.drag @ v).reshape(len(self.drag_cost), cells.N - 1), axis=1
-        )
-        total = float(dissipated.sum() + self.drag_cost @ rubbed)
+        dissipated = data.bound * cells.volume * (sizes @ weights + unsure)
+        total = float(dissipated.sum())
+        for part in self.flow.parts[1:]:
+            total += float(part.weights @ part.lengths(y))
+        grows = self.flow.power[GROWS]
         power = 1.0
-        if not self.data.moves:
-            power = float(self.power[GROWS] @ v - np.abs(self.power[GROWS]) @ rounding)
-        factor = (total - float(self.power[STAYS] @ v)) / power
+        if not data.moves:
+            power = float(grows.at(y)[0] - (abs(grows.rows) @ (ENCLOSED * left))[0])
+        factor = (total - float(self.flow.power[STAYS].at(y)[0])) / power
         values = v.reshape(-1, cells.N)[self.nodes] / power
-        return Mechanism(values, strain / power, dissipated / power, factor)
+        return Mechanism(
+            values,
+            strain / power,
+            dissipated / power,
+            np.zeros((len(cells.facets), cells.N, cells.N)),
+            np.zeros(len(cells.facets)),
+            factor,
+        )
 
 
 def cut_triangle(cuts: int) -> tuple[np.ndarray, np.ndarray]:

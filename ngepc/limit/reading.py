@@ -24,6 +24,7 @@ COVERS = frozenset(
     {
         "plane strain",
         "two-dimensional",
+        "solid",
         "order 2",
         "kinematic hardening",
         "isotropic hardening",

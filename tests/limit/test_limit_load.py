@@ -13,6 +13,7 @@ from ngsolve import (
     ET,
     VOL,
     Grad,
+    Id,
     InnerProduct,
     Integrate,
     IntegrationRule,
@@ -286,6 +287,48 @@ def test_elastic_plastic_runs_agree():
     assert below.status is Status.CONVERGED
     beyond = semismooth_newton(pushed(1.15 * bracket.upper))
     assert beyond.status is Status.LIMIT_LOAD
+
+
+def cube(held, load):
+    """A cube on three planes of symmetry, and one more for plane strain."""
+    mesh = block.structured_mesh(1, 1, 1, simplices=True)
+    supports = {"clamped": (None, None, 0), "left": (0, None, None)} | held
+    return Problem(mesh, CLAY, None, prescribed=supports, traction={"contact": load})
+
+
+def test_a_cube_that_is_pulled():
+    """3^(1/2) times the shear yield stress, twice of it in plane strain."""
+    front = {"front": (None, 0, None)}
+    back = {"back": (None, 0, None)}
+    for held, exact in ((front, math.sqrt(3)), (front | back, 2.0)):
+        found = limit_load(cube(held, (0, 0, 1)), 1e-3)
+        assert found.lower == pytest.approx(exact, rel=1e-6)
+        assert found.upper == pytest.approx(exact, rel=1e-6)
+
+
+def test_both_sides_are_admissible_in_space():
+    """Weak form, yield and volume as in the plane; the stress answers for half of every slip."""
+    mesh = block.structured_mesh(2, 2, 2, simplices=True)
+    load = {"contact": (1, 0, 0)}
+    problem = Problem(mesh, CLAY, "clamped", traction=load)
+    found = limit_load(problem, 0.1, max_cells=200)
+    space = VectorH1(found.mesh, order=2, dirichlet="clamped")
+    w = space.TestFunction()
+    form = LinearForm(space)
+    form += InnerProduct(found.stress, Sym(Grad(w))) * dx
+    form += -found.lower * w[0] * ds("contact")
+    form.Assemble()
+    free = np.array(list(space.FreeDofs()), dtype=bool)
+    assert np.abs(form.vec.FV().NumPy()[free]).max() < 1e-12
+    points = found.mesh.MapToAllElements({ET.TET: IntegrationRule(ET.TET, 3)}, VOL)
+    deviator = found.stress - Trace(found.stress) / 3 * Id(3)
+    assert np.asarray(Norm(deviator)(points)).max() <= math.sqrt(2) * (1 + 1e-12)
+    parts = [Grad(component) for component in found.mechanism.components]
+    divergence = sum(parts[i][i] for i in range(3))
+    assert np.abs(np.asarray(divergence(points))).max() < 1e-12
+    values = np.array(found.indicators.vec)
+    assert values.min() > -1e-10
+    assert values.sum() == pytest.approx(found.relative_width, rel=1e-9)
 
 
 REFUSED = {

@@ -1,0 +1,250 @@
+"""The upper bound for solids: velocities of degree one that slide along the facets of cells.
+
+Normal components are continuous, tangential ones may jump: a slip s dissipates beta |s| / 2^(1/2),
+with the smaller beta of both sides, also beside a support.  Unknowns are the normal components at
+the vertices of facets: those of the N facets around a vertex of a cell are its velocity there.
+Strain rates are constant on cells, and slips affine on facets: the mean of |s| at the vertices is
+nowhere below that on the facet.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags, vstack
+
+from ngepc.bounds.simplices import FACETS
+from ngepc.limit.data import GROWS, STAYS, LimitData
+from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
+from ngepc.limit.mechanism import ENCLOSED, Mechanism
+from ngepc.limit.reading import completed_frame
+from ngepc.limit.static import sparse_rows
+from ngepc.limit.yielding import SLIP, YieldShape
+
+ALONG = 1e-9
+"""Part of a unit vector below which it counts as zero."""
+
+
+class SlidingVelocities:
+    """Velocities that are affine on cells and slide on their facets.
+
+    Parameters
+    ----------
+    data
+        Loads, supports, strength.
+    shape
+        The yield condition.
+    """
+
+    def __init__(self, data: LimitData, shape: YieldShape) -> None:
+        self.data = data
+        self.shape = shape
+        cells = data.cells
+        N = cells.N
+        self.through = self._through()
+        fluxes = self._flux_speeds()
+        given = np.repeat(self.through, N)
+        self.velocity = self._velocity(fluxes, given)
+        self.fluxes = AffineRows(
+            csr_matrix(diags(np.ones(len(given))))[:, ~given],
+            np.where(given, fluxes, 0),
+        )
+        self.strain = self._strain()
+        self.flow = Flow(
+            none=self._none(),
+            push=self._push(),
+            power=(self._power(GROWS), self._power(STAYS)),
+            parts=[part for part in self._parts() if len(part.weights)],
+            moves=data.moves,
+        )
+
+    def _held_part(self, vectors: np.ndarray) -> np.ndarray:
+        """Projections of vectors (nf, k, N) onto what supports hold of facets."""
+        data = self.data
+        N = data.cells.N
+        held = np.where(np.arange(N) < data.held[:, None], 1.0, 0.0)
+        return np.einsum("fkp,frp,fr,frq->fkq", vectors, data.frame, held, data.frame)
+
+    def _through(self) -> np.ndarray:
+        """Whether a support holds the normal component on a facet."""
+        normal = self.data.cells.normal[:, None]
+        return np.linalg.norm(self._held_part(normal), axis=2)[:, 0] > 1 - ALONG
+
+    def _flux_speeds(self) -> np.ndarray:
+        """The normal velocities of supports at the vertices of facets, flat."""
+        return np.einsum("fip,fp->fi", self.data.motion, self.data.cells.normal).ravel()
+
+    def _velocity(self, fluxes: np.ndarray, given: np.ndarray) -> AffineRows:
+        """Components at the vertices of cells, rows (cell, vertex, component)."""
+        cells = self.data.cells
+        N = cells.N
+        x = cells.points[cells.nodes]
+        count = len(cells.nodes)
+        slope = np.linalg.norm(cells.gradients, axis=2)
+        values = []
+        rows = []
+        columns = []
+        own = np.arange(count)[:, None]
+        for k, vertices in enumerate(FACETS[N]):
+            for m, i in enumerate(vertices):
+                # the velocity with this flux through facet k and none through the others at i
+                along = -(x[:, k] - x[:, i]) * slope[:, k, None]
+                values.append(along * cells.sign[:, k, None])
+                rows.append(N * ((N + 1) * own + i) + np.arange(N))
+                columns.append(np.broadcast_to(cells.slot[:, k, m, None], (count, N)))
+        size = (count * (N + 1) * N, len(fluxes))
+        whole = sparse_rows(
+            np.concatenate(values), np.concatenate(rows), np.concatenate(columns), size
+        )
+        return AffineRows(whole[:, ~given], whole @ np.where(given, fluxes, 0.0))
+
+    def _applied(self, matrix: csr_matrix) -> AffineRows:
+        """A matrix times the velocities."""
+        velocity = self.velocity
+        return AffineRows(csr_matrix(matrix @ velocity.rows), matrix @ velocity.offset)
+
+    def _strain(self) -> csr_matrix:
+        """Coordinates of the strain rate times the size of the cell, rows (cell, c)."""
+        cells = self.data.cells
+        N = cells.N
+        size = cells.volume ** (1 / N)
+        values = np.einsum("t,cpq,tiq->tcip", size, self.shape.basis, cells.gradients)
+        count = len(size)
+        rows = np.arange(count * self.shape.size).reshape(count, -1, 1, 1)
+        columns = np.arange(count * (N + 1) * N).reshape(count, 1, N + 1, N)
+        return sparse_rows(values, rows, columns, (rows.size, columns.size))
+
+    def _at_facets(self, vectors: np.ndarray, both: bool) -> csr_matrix:
+        """Products of vectors (nf, r, N) with velocities at the vertices of facets.
+
+        Of the first of their cells, or ``both``: that less the one of the other cell.
+        """
+        cells = self.data.cells
+        N = cells.N
+        local = np.array(FACETS[N])
+        kept = cells.sign > 0
+        kept = kept | both
+        values = np.where(kept, cells.sign, 0.0)[..., None, None]
+        values = values * vectors[cells.facet_of]
+        count = vectors.shape[1]
+        shape = (*cells.place.shape, count, N)
+        values = np.broadcast_to(values[:, :, None], shape)
+        row = count * cells.slot[..., None] + np.arange(count)
+        vertex = (N + 1) * np.arange(len(cells.nodes))[:, None, None] + local
+        column = N * vertex[..., None] + np.arange(N)
+        size = (cells.facets.size * count, len(cells.nodes) * (N + 1) * N)
+        return sparse_rows(values, row[..., None], column[:, :, :, None, :], size)
+
+    def _none(self) -> AffineRows:
+        """Free strain rates, and held components that are neither normal nor tangential."""
+        data = self.data
+        shape = self.shape
+        N = data.cells.N
+        free = np.arange(self.strain.shape[0]) % shape.size < shape.free
+        rows = [self._applied(self.strain[free])]
+        normal = np.linalg.norm(self._held_part(data.cells.normal[:, None]), axis=2)
+        oblique = ~self.through & (normal[:, 0] > ALONG)
+        if oblique.any():
+            held = np.arange(N) < data.held[:, None]
+            chosen = np.repeat((held & oblique[:, None])[:, None], N, axis=1).ravel()
+            speeds = np.einsum("frp,fip->fir", data.frame, data.motion).ravel()
+            found = self._applied(self._at_facets(data.frame, both=False)[chosen])
+            rows.append(AffineRows(found.rows, found.offset - speeds[chosen]))
+        return AffineRows(
+            vstack([part.rows for part in rows], format="csr"),
+            np.concatenate([part.offset for part in rows]),
+        )
+
+    def _push(self) -> AffineRows:
+        """Normal components on facets that obstacles touch."""
+        touched = np.repeat(self.data.contact, self.data.cells.N)
+        return AffineRows(self.fluxes.rows[touched], self.fluxes.offset[touched])
+
+    def _power(self, kind: int) -> AffineRows:
+        """Power of the loads that grow or stay."""
+        data = self.data
+        cells = data.cells
+        N = cells.N
+        mass = (np.ones((N, N)) + np.eye(N)) / (N * (N + 1))
+        loads = np.where(cells.outer[:, None, None], data.traction[kind], 0.0)
+        moments = np.einsum("f,ij,fjp->fip", cells.measure, mass, loads)
+        axes = np.tile(np.eye(N), (len(cells.facets), 1, 1))
+        by_area = moments.ravel() @ self._at_facets(axes, both=False)
+        by_volume = cells.volume[:, None] / (N + 1) * data.force[kind]
+        by_volume = np.repeat(by_volume[:, None], N + 1, axis=1).ravel()
+        return self._applied(csr_matrix(by_area + by_volume))
+
+    def _parts(self) -> list[DissipatedPart]:
+        """Dissipation in cells, by slips between them and at supports, by friction."""
+        data = self.data
+        cells = data.cells
+        shape = self.shape
+        N = cells.N
+        capped = np.arange(self.strain.shape[0]) % shape.size >= shape.free
+        size = cells.volume ** (1 / N)
+        strained = DissipatedPart(
+            self._applied(self.strain[capped]),
+            shape.capped,
+            data.bound * cells.volume / size,
+        )
+        return [strained, *self._slips()]
+
+    def _slips(self) -> list[DissipatedPart]:
+        """Slips inside and at supports, then along obstacles."""
+        data = self.data
+        cells = data.cells
+        N = cells.N
+        tangents = completed_frame(cells.normal[:, None])[:, 1:]
+        bound = data.bound[cells.owners[:, 0]]
+        inside = ~cells.outer
+        bound[inside] = np.minimum(bound, data.bound[cells.owners[:, 1]])[inside]
+        held = np.where(inside[:, None, None], tangents, self._held_part(tangents))
+        slips = inside | (data.held > 0)
+        weights = cells.measure[:, None] / N * (SLIP * bound)[:, None] * np.ones(N)
+        mass = (np.ones((N, N)) + np.eye(N)) / (N * (N + 1))
+        rubbed = cells.measure[:, None] * np.einsum("ij,fj->fi", mass, data.friction)
+        result = []
+        for vectors, cost, chosen in (
+            (held, weights, np.repeat(slips[:, None], N, axis=1)),
+            (tangents, rubbed, data.contact[:, None] & (rubbed > 0)),
+        ):
+            speeds = np.einsum("frp,fip->fir", vectors, data.motion).ravel()
+            rows = np.repeat(chosen.ravel(), N - 1)
+            found = self._applied(self._at_facets(vectors, both=True)[rows])
+            part = AffineRows(found.rows, found.offset - speeds[rows])
+            result.append(DissipatedPart(part, N - 1, cost[chosen]))
+        return result
+
+    def mechanism(self, solution: np.ndarray) -> Mechanism:
+        """The admissible mechanism nearest to a solution, with its dissipation enclosed."""
+        data = self.data
+        cells = data.cells
+        N = cells.N
+        y, left = self.flow.admissible(solution)
+        unsure = ENCLOSED * left
+        sizes = [part.lengths(y) for part in self.flow.parts]
+        total = 0.0
+        for part, size in zip(self.flow.parts, sizes, strict=True):
+            extra = abs(part.vectors.rows) @ unsure
+            extra = np.linalg.norm(extra.reshape(-1, part.size), axis=1)
+            total += float(part.weights @ (size + extra))
+        grows = self.flow.power[GROWS]
+        power = 1.0
+        if not data.moves:
+            power = float(grows.at(y)[0] - (abs(grows.rows) @ unsure)[0])
+        factor = (total - float(self.flow.power[STAYS].at(y)[0])) / power
+        values = self.velocity.at(y).reshape(-1, N + 1, N) / power
+        strain = self._applied(self.strain).at(y).reshape(len(cells.nodes), -1)
+        strain = strain / (cells.volume ** (1 / N))[:, None] / power
+        dissipated = data.bound * cells.volume
+        dissipated *= np.linalg.norm(strain[:, self.shape.free :], axis=1)
+        strain = np.repeat(strain[:, None], N + 1, axis=1)
+        dissipated_by_slips = self.flow.parts[1].weights * sizes[1]
+        slides = ~cells.outer | (data.held > 0)
+        slipped = np.zeros(len(cells.facets))
+        slipped[slides] = dissipated_by_slips.reshape(-1, N).sum(axis=1) / power
+        axes = np.tile(np.eye(N), (len(cells.facets), 1, 1))
+        jumps = self._applied(self._at_facets(axes, both=True)).at(y)
+        jumps = jumps.reshape(len(cells.facets), N, N) - data.motion
+        jumps[cells.outer] = self._held_part(jumps)[cells.outer]
+        jumps /= power
+        return Mechanism(values, strain, dissipated, jumps, slipped, factor)
