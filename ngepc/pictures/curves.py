@@ -80,7 +80,9 @@ def draw_runs(
         right.plot(steps[1:], history.step_lengths, **style)
     left.set(yscale="log", ylabel="residual norm")
     right.set_yscale("log", base=2)
-    right.set(ylabel="step length", ylim=(None, 1.4))
+    shortest = min((min(h.step_lengths, default=1.0) for h, _, _ in runs), default=1.0)
+    right.set(ylabel="step length", ylim=(min(0.4, 0.8 * shortest), 1.4))
+    right.yaxis.set_major_formatter("{x:g}")
     for axes in panels:
         axes.set_xlabel("Newton step")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))

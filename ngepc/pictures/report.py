@@ -1,28 +1,34 @@
 """Reports: one HTML file with text, tables, pictures and interactive views, for any browser.
 
-Everything is inside the file, so that it opens from disk without network; it is written in one go.
+Everything is inside the file, so that it opens from disk without network, and prints on A4.
 """
 
 import html
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from string import Template
 
 from matplotlib.figure import Figure
-from ngsolve import CoefficientFunction
 
-from ngepc.checks.arguments import is_number
 from ngepc.checks.kinds import require_path, require_text
-from ngepc.model.kinematics import TWO_DIMENSIONAL
+from ngepc.evolution.result import Evolution
 from ngepc.model.problem import Problem
-from ngepc.pictures.curves import plot_contact_pressure, plot_history
-from ngepc.pictures.drawable import PLAIN, UnitNames, require_units
-from ngepc.pictures.fields import plot_field, plot_plastic_zone
+from ngepc.pictures.curves import plot_contact_pressure, plot_curve, plot_history
+from ngepc.pictures.drawable import UnitNames, require_units
+from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.style import png_address
+from ngepc.pictures.wording import (
+    describe_history,
+    describe_problem,
+    describe_result,
+    flat_rows,
+)
 from ngepc.results.records import write_text
+from ngepc.results.result import Result
+
+WIDEST = 9  # columns that fit a sheet of paper
 
 PAGE = Template("""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8">
@@ -35,6 +41,16 @@ table { border-collapse: collapse; font-size: .88rem; font-variant-numeric: tabu
 th, td { padding: .28rem .8rem; border-bottom: 1px solid #d9dee3; text-align: right; }
 .text { text-align: left; }
 img { max-width: 100%; }
+@page { size: A4; margin: 16mm 14mm; }
+@media print {
+  body { max-width: none; padding: 0; font-size: 10.5pt; }
+  .wide { overflow: visible; }
+  table { width: 100%; font-size: 8.5pt; }
+  th, td { padding: .15rem .35rem; overflow-wrap: anywhere; }
+  tr, img, h2 { break-inside: avoid; }
+  h2 { break-after: avoid; }
+  iframe { display: none; }
+}
 </style></head><body><h1>$title</h1>$content<footer>$footer</footer></body></html>
 """)
 
@@ -47,11 +63,14 @@ SHOWN = ("mesh", "material", "kinematics", "order")
 def write_report(
     path: str | os.PathLike,
     title: str,
-    *sections: Section,
+    *sections: Section | Result | Evolution,
     footer: str = "",
     units: UnitNames | None = None,
 ) -> Path:
-    """Write a report from sections to an HTML file; returns its path.
+    """Write a report to an HTML file, which prints on A4; returns its path.
+
+    ``write_report("punch.html", "Punch", result)`` is all that is needed: the problem in words, the
+    answer and how exact it is, pictures and curves.
 
     Parameters
     ----------
@@ -60,10 +79,11 @@ def write_report(
     title, footer
         Text at the top and at the bottom; `code` stands between backquotes, also in the contents.
     sections
-        Pairs (heading, contents); each piece of contents is text, a list of dictionaries, a
-        figure, a ``Problem``, or what notebooks show as HTML: a result, a ``View``.
+        A result or a history, which become sections of their own; or pairs (heading, contents),
+        where each piece of contents is text, a list of dictionaries, a figure, a ``Problem``, or
+        what notebooks show as HTML: a ``View``.
     units
-        Names of the units of the data of problems; None for none.
+        Names of the units, for tables and pictures.
 
     Returns
     -------
@@ -76,22 +96,17 @@ def write_report(
         If a piece is none of these.
     """
     path = require_path("path", path)
-    content = []
+    units = require_units("units", units)
     require_text("title", title)
     require_text("footer", footer)
-    units = require_units("units", units)
+    content = []
     for number, section in enumerate(sections):
-        pair = isinstance(section, tuple | list) and len(section) == 2
-        if (
-            not pair
-            or isinstance(section[1], str)
-            or not isinstance(section[1], Iterable)
-        ):
-            needed = "a pair of a heading and a list of contents is needed"
-            raise TypeError(f"sections[{number}]={section!r}: {needed}")
-        require_text(f"sections[{number}][0]", section[0])
-        content.append(f"<h2>{html.escape(section[0])}</h2>")
-        content += [_piece(piece, units) for piece in section[1]]
+        parts = [section]
+        if isinstance(section, Result | Evolution):
+            parts = standard_sections(section, units)
+        for heading, pieces in (section_of(number, part) for part in parts):
+            content.append(f"<h2>{html.escape(heading)}</h2>")
+            content += [_piece(piece, units) for piece in pieces]
     texts = {
         "title": html.escape(title),
         "footer": _inline(footer),
@@ -99,6 +114,66 @@ def write_report(
     }
     write_text(path, PAGE.substitute(texts))
     return path
+
+
+def section_of(number: int, section: object) -> Section:
+    """A pair of a heading and contents; TypeError for anything else."""
+    pair = isinstance(section, tuple | list) and len(section) == 2
+    listed = (
+        pair and not isinstance(section[1], str) and isinstance(section[1], Iterable)
+    )
+    if not listed:
+        needed = "a result, a history, or a pair of a heading and a list of contents"
+        raise TypeError(f"sections[{number}]={section!r}: {needed} is needed")
+    require_text(f"sections[{number}][0]", section[0])
+    return section
+
+
+def standard_sections(source: Result | Evolution, units: UnitNames) -> list[Section]:
+    """The problem, the answer, pictures and curves of a result or a history."""
+    if isinstance(source, Evolution):
+        return _of_history(source, units)
+    message = [source.message] if source.message else []
+    drawn = [
+        ("The problem", [source.problem, plot_mesh(source.problem)]),
+        ("The answer", [describe_result(source, units), *message]),
+        ("Pictures", list(_pictures(source, units))),
+    ]
+    if len(source.history.records) > 1:
+        drawn.append(("How the solver got there", [plot_history(source.history)]))
+    return drawn
+
+
+def _of_history(history: Evolution, units: UnitNames) -> list[Section]:
+    """The sections of a history: its steps in a table, curves, the last step in pictures."""
+    told = f"{len(history.steps)} steps: {history.status}. {history.message}"
+    sections = [("The problem", [history.problem, plot_mesh(history.problem)])]
+    sections.append(("The steps", [told.strip(), describe_history(history)]))
+    if not history.steps:
+        return sections
+    touches = history.problem.touching_names
+    force = "contact_force" if touches else "reaction_y"
+    columns = [force, "max_plastic_strain"]
+    columns += ["max_contact_pressure"] if touches else []
+    curves = [plot_curve(history, "time", name, units=units) for name in columns]
+    sections.append(("Curves", curves))
+    last = history.steps[-1]
+    heading = f"The last step, time {last.record.time:g}"
+    return [*sections, (heading, list(_pictures(last, units)))]
+
+
+def _pictures(source: object, units: UnitNames) -> Iterator[Figure]:
+    """The stress, the plastic strain and the contact pressure."""
+    yield plot_field(source, "von_mises", units=units)
+    yield plot_field(source, "accumulated_plastic_strain", units=units)
+    problem = source.problem
+    if not problem.touching_names or not hasattr(source, "contact_pressure"):
+        return
+    if problem.N == 2:
+        yield plot_contact_pressure(source, units=units)
+    else:
+        names = "|".join(problem.touching_names)
+        yield plot_field(source, "contact_pressure", boundary=names, units=units)
 
 
 def standard_figures(result: object, threshold: float = 0.0) -> dict[str, Figure]:
@@ -127,9 +202,22 @@ def _piece(piece: object, units: UnitNames) -> str:
         and piece
         and all(isinstance(row, Mapping) for row in piece)
     ):
-        return html_table(piece)
+        return "".join(map(html_table, narrow(flat_rows(piece))))
     needed = "text, a list of dictionaries, a figure, a view or a problem"
     raise TypeError(f"contents {piece!r}: {needed} is needed")
+
+
+def narrow(rows: Sequence[Mapping[str, object]]) -> list[list[dict]]:
+    """A wide table as several of at most ``WIDEST`` columns, each with the first column."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    if len(columns) <= WIDEST:
+        return [list(rows)]
+    first, *others = columns
+    chunks = [others[k : k + WIDEST - 1] for k in range(0, len(others), WIDEST - 1)]
+    return [
+        [{k: row[k] for k in (first, *chunk) if k in row} for row in rows]
+        for chunk in chunks
+    ]
 
 
 def _inline(text: str) -> str:
@@ -156,56 +244,3 @@ def html_table(rows: Sequence[Mapping[str, object]]) -> str:
             )
         lines.append("".join(cells))
     return f'<div class="wide"><table><tr>{"</tr><tr>".join(lines)}</tr></table></div>'
-
-
-def describe_problem(
-    problem: Problem, units: UnitNames = PLAIN
-) -> list[dict[str, str]]:
-    """The data that a problem is given as rows 'what', 'value', for a table.
-
-    ``units`` are the names of the units of stresses.
-    """
-    size = f"{problem.mesh.nv} nodes, {problem.mesh.ne} elements"
-    rows = {"body": f"{size}, order {problem.order}, {problem.kinematics.name}"}
-    rows |= {
-        what: _said(value)
-        for what, value in _material_rows(problem, units).items()
-        if value is not None
-    }
-    for field in fields(problem):
-        value = getattr(problem, field.name)
-        if value is not None and field.name not in SHOWN:
-            rows[field.name.replace("_", " ")] = _said(value)
-    return [{"what": key, "value": value} for key, value in rows.items()]
-
-
-def _material_rows(problem: Problem, units: UnitNames) -> dict[str, object]:
-    """Young's modulus and so on, then what the material was given."""
-    material = problem.material
-    stress = units.of("stress")
-    given = material.data_sheet
-    rows = {}
-    if problem.kinematics is not TWO_DIMENSIONAL:
-        rows |= {
-            f"Young's modulus E{stress}": material.young,
-            "Poisson's ratio nu": material.poisson,
-            f"yield stress R of a bar{stress}": material.tensile_yield_stress,
-        }
-    if given:
-        known = ("young", "poisson", "yield_stress")
-        later = {name: value for name, value in given.items() if name not in known}
-    else:
-        later = {
-            field.name: getattr(material, field.name) for field in fields(material)
-        }
-    return rows | {name.replace("_", " "): value for name, value in later.items()}
-
-
-def _said(value: object) -> str:
-    """A datum, by place and component, in words."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{place}: {_said(there)}" for place, there in value.items())
-    if isinstance(value, tuple | list):
-        return f"({', '.join(map(_said, value))})"
-    shown = "varies" if isinstance(value, CoefficientFunction) else value
-    return f"{value:g}" if is_number(value) else str(shown)

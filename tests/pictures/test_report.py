@@ -1,5 +1,7 @@
 """Reports: one file that holds everything, reads as a table and opens in a browser."""
 
+import base64
+import re
 from html.parser import HTMLParser
 
 import numpy as np
@@ -8,11 +10,20 @@ from browser import Browser, chromium
 from ngsolve import CF, x
 from solved import lshape_dual, lshape_primal
 
-from ngepc import Coulomb, Problem
-from ngepc.geometries import block
-from ngepc.pictures import plot_field
-from ngepc.pictures.report import describe_problem, html_table, write_report
+from ngepc import (
+    Coulomb,
+    Material,
+    Problem,
+    evolve,
+    load_cycle,
+    lshape_problem,
+    semismooth_newton,
+)
+from ngepc.geometries import block, lshape
+from ngepc.pictures import UnitNames, plot_field
+from ngepc.pictures.report import html_table, narrow, write_report
 from ngepc.pictures.views import show, viewer_installed
+from ngepc.pictures.wording import describe_material, describe_problem, flat_rows
 
 ROWS = [
     {"gamma": 1e3, "paper": 8, "here": 7, "status": "converged"},
@@ -75,9 +86,9 @@ def test_pictures_and_text_are_inside_the_file(tmp_path):
     assert all(image.startswith("data:image/png;base64,iVBOR") for image in read.images)
     assert "A &lt; B" in text
     assert "see <code>--help</code> &amp; more" in text
-    assert ["contact", "contact"] in read.rows
+    assert ["contact of 'contact'", "rigid obstacle, gap 0.1"] in read.rows
     assert ["status", "converged"] in read.rows
-    assert ["gap", "0.1"] in read.rows
+    assert ["support 'clamped'", "clamped"] in read.rows
     assert "http" not in text.replace("data:image", "")
 
 
@@ -95,13 +106,91 @@ def test_a_problem_is_described_by_all_it_is_given():
     }
     problem = Problem(block.structured_mesh(2, 2), material, None, **given)
     said = {row["what"]: row["value"] for row in describe_problem(problem)}
-    assert said["body"] == "9 nodes, 4 elements, order 2, plane strain"
-    assert said["gap"] == "contact: 0.1, right: varies"
-    assert said["prescribed"] == "clamped: (0, None), left: (0, 0)"
-    assert (said["body force"], said["pressure"]) == ("(0, -1)", "contact: 1")
-    assert said["contact"] == "contact|right"
-    assert "clamped" not in said
-    assert "0.3" in said["friction"]
+    assert said["mesh"] == "9 nodes, 4 elements of order 2"
+    assert said["kinematics"] == "plane strain"
+    assert said["contact of 'contact'"] == "rigid obstacle, gap 0.1"
+    assert said["contact of 'right'"] == "rigid obstacle, gap varies in space"
+    assert said["support 'clamped'"] == "u_x = 0"
+    assert said["support 'left'"] == "u_x = 0, u_y = 0"
+    assert said["load in the body"] == "body force up to 1"
+    assert said["load on 'contact'"] == "pressure 1"
+    assert said["friction"] == "Coulomb's law, coefficient 0.3"
+
+
+def test_a_material_is_described_as_it_was_given():
+    metal = {"young": 210e3, "poisson": 0.3, "yield_stress": 240.0}
+    steel = Material.metal(**metal, tangent_modulus=2100.0)
+    said = {
+        r["what"]: r["value"] for r in describe_material(steel, UnitNames("mm", "MPa"))
+    }
+    assert said["Young's modulus E"] == "2.1e+05 MPa"
+    assert said["yield stress R of a tensile test"] == "240 MPa"
+    assert said["Poisson's ratio"] == "0.3"
+    assert not any("Lam" in what for what in said)
+    lame = lshape_primal().problem.material
+    said = {r["what"]: r["value"] for r in describe_material(lame)}
+    assert said["Young's modulus E"] == "2500"
+    assert said["Poisson's ratio"] == "0.25"
+    assert said["yield bound of |dev σ|"] == "1.25"
+
+
+def test_vectors_and_mappings_get_columns_of_their_own():
+    rows = [{"time": 1.0, "reaction": [1.0, 2.0], "reactions": {"left": [3.0, 4.0]}}]
+    assert flat_rows(rows) == [
+        {
+            "time": 1.0,
+            "reaction_x": 1.0,
+            "reaction_y": 2.0,
+            "reaction_x:left": 3.0,
+            "reaction_y:left": 4.0,
+        }
+    ]
+    wide = [{str(k): k for k in range(20)}]
+    tables = narrow(wide)
+    assert all(len(row) <= 9 and "0" in row for table in tables for row in table)
+    assert {k for table in tables for row in table for k in row} == set(wide[0])
+
+
+def solved_and_history():
+    problem = lshape_problem(lshape.paper_mesh(113))
+    return semismooth_newton(problem), evolve(problem, load_cycle(problem, [1.0], 2))
+
+
+def test_a_result_and_a_history_are_reports_of_their_own(tmp_path):
+    result, history = solved_and_history()
+    path = write_report(
+        tmp_path / "r.html", "L", result, history, units=UnitNames("mm", "MPa")
+    )
+    text = path.read_text(encoding="utf-8")
+    read = Reader(text)
+    for heading in ("The problem", "The answer", "Pictures", "The steps", "Curves"):
+        assert f"<h2>{heading}</h2>" in text
+    answer = dict(row for row in read.rows if len(row) == 2)
+    assert answer["contact force"] == f"{result.contact_force:.5g}"
+    assert answer["error of the mesh"].endswith("percent in energy, guaranteed")
+    assert answer["contact of 'contact'"] == "rigid obstacle, gap 0.1 mm"
+    assert result.message in text
+    assert not re.search(
+        r">\s*[\[{]", re.sub("<style>.*?</style>", "", text, flags=re.S)
+    )
+
+
+@pytest.mark.skipif(chromium() is None, reason="no Chromium or Chrome is installed")
+def test_reports_print_on_a4_without_cut_tables(tmp_path):
+    result, history = solved_and_history()
+    rows = ("All numbers", [history.as_rows()])
+    path = write_report(tmp_path / "r.html", "L", result, history, rows)
+    with Browser(673, 1000) as tab:  # the width of A4 within its margins, in CSS pixels
+        tab.open(path)
+        tab.call("Emulation.setEmulatedMedia", media="print")
+        widths = tab.evaluate(
+            "[...document.querySelectorAll('table')].map(t => t.scrollWidth)"
+        )
+        assert len(widths) > 5
+        assert max(widths) <= 673
+        assert tab.evaluate("document.documentElement.scrollWidth") <= 673
+        pdf = tab.call("Page.printToPDF", preferCSSPageSize=True)["data"]
+    assert base64.b64decode(pdf).startswith(b"%PDF")
 
 
 def test_reports_are_written_whole_or_not_at_all(tmp_path):
