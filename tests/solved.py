@@ -34,6 +34,7 @@ def block_primal():
         traction={"right": CF((0.0, 0.0, -4.0)), "left": CF((0.0, 0.0, 4.0))},
         contact="contact",
         gap=0.001,
+        order=1,
     )
     return primal_newton(problem)
 

@@ -91,7 +91,7 @@ def feasible_bound(primal, other):
     values = u.vec.FV().NumPy().reshape(problem.N, -1)
     overlap = np.maximum(-(contact.gaps - contact.normal @ values.T.ravel()), 0.0)
     for depth, vertex, normal in zip(
-        overlap, contact.vertices, contact.normals, strict=True
+        overlap, contact.nodes, contact.normals, strict=True
     ):
         values[:, vertex] -= depth * normal
     du, dp = primal.displacement - u, primal.plastic_increment - p

@@ -201,7 +201,7 @@ def state_of(discrete: DiscreteProblem, result: object) -> State:
     vertices, values = values_at(result.contact_pressure, problem.mesh, where)
     pressure[vertices] = np.maximum(values[:, 0], 0.0)
     u = nodal(result.displacement.vec.FV().NumPy(), problem)
-    return discrete.state(u.copy(), contact=pressure[rows.vertices] * rows.weights)
+    return discrete.state(u.copy(), contact=rows.between(pressure) * rows.weights)
 
 
 def bound_data_of(discrete: DiscreteProblem) -> BoundData:

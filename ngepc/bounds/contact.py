@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.optimize import nnls
+from scipy.sparse import csr_matrix, diags
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.discretisation.conditions import initial_displacements
+from ngepc.discretisation.rows import ContactRows
 from ngepc.local.system import DiscreteProblem, State
 
 LEVEL = 1e-9  # square of the free part of a normal that moves nothing
@@ -16,11 +18,34 @@ NORMAL_PASSES = (
 )
 # NGSolve's function of an edge is this times the product of the hat functions of its ends
 BUBBLE = -0.5
+MIDDLE = BUBBLE / 4  # its value at the middle
+WEAK = 0.1  # weight of the mean pressure beside the nodal forces where a pressure is fitted
 EDGES = (
     (2, 0),
     (1, 2),
     (0, 1),
 )  # the ends of these edges of a triangle, in NGSolve's order
+
+
+def gathered(rows: ContactRows, of_vertices: csr_matrix) -> csr_matrix:
+    """What gives rows between vertices in equal parts to rows of these vertices, (m, m).
+
+    Of several rows at a vertex the one with the nearest normal takes it; ``of_vertices`` are the
+    rows of each vertex.
+    """
+    m = len(rows)
+    columns = np.repeat(np.arange(m), 4)
+    pairs = of_vertices[rows.corners.ravel()].tocoo()
+    column = columns[pairs.row]
+    cosine = np.einsum("ic,ic->i", rows.normals[pairs.col], rows.normals[column])
+    order = np.lexsort((-cosine, pairs.row))
+    first = np.flatnonzero(np.diff(pairs.row[order], prepend=-1))
+    chosen = order[first]
+    shares = np.full(len(chosen), 0.25)
+    own = csr_matrix((shares, (pairs.col[chosen], column[chosen])), shape=(m, m))
+    between = np.ones(m)
+    between[np.unique(of_vertices.indices)] = 0.0
+    return (own + diags(between)).tocsr()
 
 
 class ContactFacets:
@@ -55,9 +80,11 @@ class ContactFacets:
         self._start = initial_displacements(self.problem, discrete.supports)
         rows = discrete.rows
         corners = c.facets[on].ravel()
-        numbers = np.arange(len(rows))
+        numbers = np.flatnonzero(rows.nodes < len(c.points))
         shape = (len(c.points), len(rows))
-        of_vertices = csr_matrix((np.ones(len(rows)), (rows.vertices, numbers)), shape)
+        at = rows.nodes[numbers], numbers
+        of_vertices = csr_matrix((np.ones(len(numbers)), at), shape)
+        self._gathered = gathered(rows, of_vertices)
         corner, row = of_vertices[corners].nonzero()
         cosine = np.einsum("ic,ic->i", rows.normals[row], self.normal[corner // self.N])
         nearest = np.argsort(-cosine, kind="stable")[
@@ -118,15 +145,48 @@ class ContactFacets:
     def pressure(self, multipliers: np.ndarray) -> np.ndarray:
         """P >= 0 at the vertices from forces of the rows (stress), (facets, N).
 
+        For order one it has their nodal forces, for order two the nearest ones that an affine
+        pressure on each facet can have: a pressure with other forces costs sharpness.
+        """
+        P = self._means(multipliers)
+        if self.problem.order == 1 or not P.any():
+            return P
+        N = self.N
+        supports = self.discrete.supports
+        moments = self.measure[:, None, None] * self._hats.T
+        entries = np.einsum("eka,ec->ekca", moments, self.normal)
+        unknowns = np.arange(P.size).reshape(-1, 1, 1, N)
+        components = N * self.nodes[:, :, None, None] + np.arange(N)[:, None]
+        rows, columns = np.broadcast_arrays(components, unknowns)
+        shape = (supports.free.size, P.size)
+        matrix = csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape)
+
+        # Forces of an edge count with its middle, as those of a vertex with the vertex.
+        scale = supports.free * np.ones((len(supports.free), 1))
+        scale[self.problem.mesh.nv :] /= abs(MIDDLE)
+        forces = self.discrete.rows.normal.T @ np.maximum(multipliers, 0.0)
+        chosen = np.unique(rows)
+        known = scale.ravel()[chosen] * forces[chosen]
+        matrix = (diags(scale.ravel()) @ matrix)[chosen].toarray()
+        weak = WEAK * np.abs(moments).max()
+        system = np.vstack([matrix, weak * np.eye(P.size)])
+        return nnls(system, np.append(known, weak * P.ravel()))[0].reshape(P.shape)
+
+    def _means(self, multipliers: np.ndarray) -> np.ndarray:
+        """Forces of the rows over their areas at the vertices, (facets, N).
+
         Where a support holds a vertex it is the mean of the others.
         """
-        values = np.append(
-            np.maximum(multipliers, 0.0) / self.discrete.rows.weights, 0.0
-        )
+        values = np.append(self._stress(np.maximum(multipliers, 0.0)), 0.0)
         P = values[self.row_of]
         there = self.row_of >= 0
         mean = P.sum(axis=1) / np.maximum(there.sum(axis=1), 1)
         return np.where(there, P, mean[:, None])
+
+    def _stress(self, forces: np.ndarray) -> np.ndarray:
+        """Forces of the rows (m, ...) with those beside them over their areas, same shape."""
+        area = self._gathered @ self.discrete.rows.weights
+        return (self._gathered @ forces) / area.reshape(-1, *[1] * (forces.ndim - 1))
 
     def _across(self, vectors: np.ndarray) -> np.ndarray:
         """The tangential parts of vectors (facets, ., N)."""
@@ -138,9 +198,7 @@ class ContactFacets:
         rows = self.discrete.rows
         bound = self.boundary.friction
         forces = np.einsum("md,mdc->mc", state.tangential_forces, rows.tangents)
-        stress = np.append(
-            forces / rows.weights[:, None], np.zeros((1, self.N)), axis=0
-        )
+        stress = np.append(self._stress(forces), np.zeros((1, self.N)), axis=0)
         T = self._across(stress[self.row_of])
         size = np.linalg.norm(T, axis=2)
         return (np.minimum(size, bound) / np.where(size > 0, size, 1.0))[:, :, None] * T

@@ -183,7 +183,7 @@ def carried_state(
     stress[nodes[:, :ends]] = at_corners(
         np.column_stack([pressure, -nodal(friction, problem)])
     )
-    forces = stress[rows.vertices] * rows.weights[:, None]
+    forces = rows.between(stress) * rows.weights[:, None]
     dragged = np.einsum("mdc,mc->md", rows.tangents, forces[:, 1:])
     contact = np.concatenate([forces[:, 0], dragged.ravel()])[: len(discrete.contact)]
     return discrete.state(np.where(supports.free, u, supports.values), contact=contact)

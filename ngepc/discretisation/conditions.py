@@ -69,9 +69,9 @@ class ContactConditions:
         }
         self.friction = friction_cone(problem, rows)
         self.processes = problem.processes
-        self._own_rows = self.processes.owned(rows.vertices)
-        tangents = np.repeat(rows.vertices, self.friction.d)
-        self.own = self.processes.owned(np.append(rows.vertices, tangents))
+        self._own_rows = self.processes.owned(rows.nodes)
+        tangents = np.repeat(rows.nodes, self.friction.d)
+        self.own = self.processes.owned(np.append(rows.nodes, tangents))
         self.matrix = rows.normal
         if self.friction.d:
             self.matrix = vstack([rows.normal, rows.tangential], format="csr")
@@ -205,15 +205,15 @@ def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone:
 
 
 def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarray:
-    """A coefficient at the vertices of the rows, shape (m,)."""
+    """A coefficient at the nodes of the rows, linear between vertices, shape (m,)."""
     space = H1(problem.mesh, order=1)
     nodes, values = given_at(space, "|".join(problem.touching_names), value)
     sums = np.zeros(
         (space.ndof, 2)
     )  # values and how many: not on all processes with a vertex
     sums[nodes] = np.column_stack([values, np.ones(len(nodes))])
-    total, count = problem.processes.summed(sums)[rows.vertices].T
-    return total / np.maximum(count, 1)
+    total, count = problem.processes.summed(sums).T
+    return rows.between(total / np.maximum(count, 1))
 
 
 def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
@@ -266,7 +266,8 @@ def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows
         means = csr_matrix(eye(scalar.ndof))[nodes[new]]
         no = np.zeros(sum(new))
         given = {
-            "vertices": no.astype(int),
+            "nodes": nodes[new],
+            "corners": np.zeros((len(no), 4), dtype=int),
             "gaps": values[new],
             "weights": no,
         }  # no contact area

@@ -1,11 +1,13 @@
 """Contact of two bodies as rows: means of the gap with biorthogonal functions on the first body.
 
-With the hat functions phi_i of the first surface and the functions psi_i biorthogonal to them on
-each facet, int psi_i phi_j = delta_ij int phi_i over what faces the second surface,
+With the Bernstein polynomials B_i of the first surface, hat functions for order one, and the
+functions psi_i biorthogonal to them on each facet, int psi_i B_j = delta_ij int B_i over what faces
+the second surface,
 
     N_i u = int psi_i n . (u_1 - u_2) / int psi_i,   gap_i likewise.
 
-Constant pressures pass between meshes that do not match without any error.  A facet of the first
+That is the coefficient of B_i in the projection of n . (u_1 - u_2) onto polynomials.  Constant
+pressures pass between meshes that do not match without any error.  A facet of the first
 surface looks at the second one along its normals, in the plane interpolated between its nodes; what
 it sees of a facet is cut off where one of its barycentric coordinates becomes negative.
 """
@@ -30,7 +32,9 @@ RULES = {2: IntegrationRule(ET.SEGM, 5), 3: IntegrationRule(ET.TRIG, 4)}
 """Space dimension -> rule on each piece: exact for products of quadratic functions in the plane."""
 
 THIN = 1e-12  # overlaps below this part of a facet are none
-SLIVER = 1e-8  # smallest relative eigenvalue of a facet's mass matrix for biorthogonal functions
+SLIVER = {1: 1e-8, 2: 1e-6}
+"""Order -> smallest relative eigenvalue of a facet's mass matrix for biorthogonal functions."""
+
 COVERED = 1e-6  # rows with a smaller part of the largest weight are left out
 
 
@@ -51,23 +55,32 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
         weights = (
             2 * np.pi * weights * (at.lam * one.corners[at.first, :, 0]).sum(axis=1)
         )
-    share = weights[:, None] * biorthogonal(len(one.corners), at)
-    vertices, row = np.unique(one.vertices[at.first], return_inverse=True)
-    where = row.ravel(), np.repeat(np.arange(points), N)
-    sums = csr_matrix((share.ravel(), where), shape=(len(vertices), points))
+    space = H1(problem.mesh, order=problem.order)
+    of_facets = one.nodes(space)
+    share = weights[:, None] * biorthogonal(one, at, problem.order)
+    nodes, first, row = np.unique(
+        of_facets[at.first], return_index=True, return_inverse=True
+    )
+    where = row.ravel(), np.repeat(np.arange(points), share.shape[1])
+    sums = csr_matrix((share.ravel(), where), shape=(len(nodes), points))
     area = np.asarray(sums.sum(axis=1)).ravel()
     kept = area > COVERED * area.max()
     averages = diags(1 / area[kept]) @ sums[kept]
-    vertices = vertices[kept]
+    facet = at.first[first[kept] // share.shape[1]]
+    local = first[kept] % share.shape[1]
+    corners = np.take_along_axis(
+        one.vertices[facet], four_corners(N, problem.order)[local], axis=1
+    )
+    nodes = nodes[kept]
     area = area[kept]
-    space = H1(problem.mesh, order=problem.order)
     jumps = one.means(space, at.first, at.lam) - two.means(space, at.second, at.other)
     means = averages @ jumps
-    free = supports.free[vertices]
+    free = supports.free[nodes]
     if pair.tied:
         every = np.tile(np.arange(len(area)), N)
         given = {
-            "vertices": vertices[every],
+            "nodes": nodes[every],
+            "corners": corners[every],
             "weights": area[every],
             "free": free[every],
         }
@@ -78,7 +91,7 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
         return rows.chosen(np.flatnonzero(free.T.ravel()))
     normals = _unit(averages @ at.normals)
     along = averages @ means_along(jumps, at.normals)
-    given = {"vertices": vertices, "weights": area}
+    given = {"nodes": nodes, "corners": corners, "weights": area}
     rows = rows_along(
         normals, means, along, gaps=averages @ at.gaps, free=free, **given
     )
@@ -131,6 +144,19 @@ class Surface:
         for column in self.vertices.T:
             np.add.at(sums, column, turned)
         self.nodal = _unit(sums)[self.vertices]
+
+    def nodes(self, space: H1) -> np.ndarray:
+        """The nodes of a space on the facets in the order of ``pairs_of``, shape (facets, k)."""
+        nodes = np.array([space.GetDofNrs(number) for number in self._numbers])
+        N = self.corners.shape[-1]
+        if nodes.shape[1] == N:
+            return nodes
+        element = space.GetFE(self._numbers[0])
+        places = np.eye(N)[pairs_of(N, 2)].mean(axis=1)
+        values = np.abs([np.array(element.CalcShape(*p[:-1])) for p in places])
+        corner = values[:, :N].max(axis=1) > 1 - 1e-9
+        edge = N + values[:, N:].argmax(axis=1)
+        return nodes[:, np.where(corner, values[:, :N].argmax(axis=1), edge)]
 
     def means(self, space: H1, facets: np.ndarray, lam: np.ndarray) -> csr_matrix:
         """A function of a space at barycentric coordinates lam (n, N), shape (n, nodes)."""
@@ -251,20 +277,55 @@ def _fans(polygon: np.ndarray) -> np.ndarray:
     return np.stack([first, polygon[:, 1:-1], polygon[:, 2:]], axis=2)
 
 
-def biorthogonal(count: int, at: Overlap) -> np.ndarray:
-    """The biorthogonal functions of facets at points (points, N); hats where little is covered."""
-    N = at.lam.shape[1]
-    mass = np.zeros((count, N, N))
-    np.add.at(
-        mass,
-        at.first,
-        at.weights[:, None, None] * at.lam[:, :, None] * at.lam[:, None, :],
-    )
+def pairs_of(N: int, order: int) -> np.ndarray:
+    """Corners whose hat functions multiply to a Bernstein polynomial, shape (k, 2)."""
+    if order == 1:
+        return np.repeat(np.arange(N)[:, None], 2, axis=1)
+    return np.array([*combinations_with_replacement(range(N), 2)])
+
+
+def four_corners(N: int, order: int) -> np.ndarray:
+    """Four corners that the node of each polynomial is the mean of, repeated, shape (k, 4)."""
+    return np.repeat(pairs_of(N, order), 2, axis=1)
+
+
+def bernstein(lam: np.ndarray, order: int) -> np.ndarray:
+    """The Bernstein polynomials at barycentric coordinates (points, N), shape (points, k)."""
+    if order == 1:
+        return lam
+    a, b = pairs_of(lam.shape[1], order).T
+    return np.where(a == b, 1.0, 2.0) * lam[:, a] * lam[:, b]
+
+
+def biorthogonal(one: Surface, at: Overlap, order: int) -> np.ndarray:
+    """The functions biorthogonal to Bernstein polynomials on each facet at points, (points, k).
+
+    These polynomials themselves where little of a facet is covered.
+    """
+    B = bernstein(at.lam, order)
+    k = B.shape[1]
+    mass = np.zeros((len(one.corners), k, k))
+    products = at.weights[:, None, None] * B[:, :, None] * B[:, None, :]
+    np.add.at(mass, at.first, products)
     size = np.linalg.eigvalsh(mass)
-    good = size[:, 0] > SLIVER * size[:, -1]
-    A = np.broadcast_to(np.eye(N), mass.shape).copy()
+    good = size[:, 0] > SLIVER[order] * size[:, -1]
+    A = np.broadcast_to(np.eye(k), mass.shape).copy()
     A[good] = mass[good].sum(axis=2)[:, :, None] * np.linalg.inv(mass[good])
-    return np.einsum("pij,pj->pi", A[at.first], at.lam)
+    return np.einsum("pij,pj->pi", A[at.first], B)
+
+
+def deepest_pair_overlap(problem: Problem, pair: Contact, u: np.ndarray) -> float:
+    """The largest n . (u_1 - u_2) - gap at the points of a pair for nodal values u (nodes, N)."""
+    one, two = (
+        Surface(problem, boundary_names("contact", names, problem.mesh))
+        for names in (pair.first, pair.second)
+    )
+    at = overlap(one, two)
+    space = H1(problem.mesh, order=problem.order)
+    moved = one.means(space, at.first, at.lam) @ u
+    moved -= two.means(space, at.second, at.other) @ u
+    depth = np.einsum("pc,pc->p", moved, at.normals) - at.gaps
+    return float(depth.max(initial=0.0))
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

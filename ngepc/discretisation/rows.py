@@ -1,27 +1,34 @@
 """Contact as rows on the nodal displacements: N u <= gaps, with forces lambda >= 0.
 
-A row belongs to a vertex of the contact boundary and to one of the faces that meet there: facets
-whose normals differ little are one face, so that a curved face has one row at a vertex, with the
-averaged normal, and a vertex on the edge between two faces has two, each with its own gap.
+A row belongs to a node of the contact boundary and to one of the faces that meet there: facets
+whose normals differ little are one face, so that a curved face has one row at a node, with the
+averaged normal, and a node on the edge between two faces has two, each with its own gap.
 
-For displacements of order one a row is n . u at the vertex.  For order two it is the mean
-int phi n . u / int phi with the hat function phi of the vertex: the weights int phi are positive in
-every dimension, which those of the nodal values of quadratic triangles are not.
+For displacements of order one a row is n . u at the vertex.  For order two it is the coefficient of
+n . u in Bernstein polynomials on the facet, and the gap of the row that of the polynomial through
+the values of the gap at the nodes.  A parabola that vanishes at the ends and the middle of an edge
+is zero, and it is nowhere above its coefficients: where the gap is quadratic on straight facets
+rows without penetration mean u . n <= gap at every point.  The areas of the rows, the integrals of
+the polynomials, are positive, which those of nodal values on quadratic triangles are not.
+
+A gap may jump inside a facet; the polynomial through its nodes then says nothing.  Where it misses
+the gap between the nodes, the coefficient is at least the smallest value of the gap at the nodes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from ngsolve import BND, ET, H1, ElementId, FESpace, specialcf
+from ngsolve import BND, ET, H1, ElementId, FESpace, IntegrationRule, specialcf
+from ngsolve.fem import FiniteElement
 from scipy.sparse import csr_matrix, diags, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import norm
 
-from ngepc.checks.arguments import corner_rules, sample
+from ngepc.discretisation.facets import EDGES, FacetNodes, facet_lattice, facet_nodes
 from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.quadrature import rules_of
 from ngepc.model.problem import Problem
@@ -31,6 +38,14 @@ SAME_FACE = (
     0.7  # cosine above which facets of one boundary at a vertex belong to one face
 )
 SAME_FACE_ACROSS = 0.985  # the same for facets of two boundaries
+SHAPES = tuple(EDGES)
+"""The shapes of facets."""
+
+JUMP = 0.4
+"""A gap jumps where it misses its polynomial by more than this part of what the coefficient and the
+value at a node differ by."""
+ZERO_GAP = 1e-9  # part of the largest gap that is no jump
+MIDDLE = -0.125  # value of NGSolve's function of an edge at its middle, order two
 HELD = 1e-8  # a row with a smaller free part is held by the support: no contact can happen there
 
 
@@ -44,7 +59,8 @@ class ContactRows:
     )
     gaps: np.ndarray  # distance to the obstacle (length), shape (m,)
     weights: np.ndarray  # area of each row (length for N = 2), shape (m,)
-    vertices: np.ndarray  # vertex of each row, shape (m,)
+    nodes: np.ndarray  # node of each row in a scalar space, vertices first, (m,)
+    corners: np.ndarray  # four vertices that the node is the mean of, repeated, (m, 4)
     normals: np.ndarray  # unit outer ones, shape (m, N)
     tied: (
         np.ndarray
@@ -57,6 +73,17 @@ class ContactRows:
     def tangents(self) -> np.ndarray:
         """Orthonormal ones, shape (m, N - 1, N)."""
         return tangent_frames(self.normals)
+
+    def at_vertices(self, values: np.ndarray, count: int) -> np.ndarray:
+        """What belongs to the rows, shape (m, ...), given to ``count`` vertices, in equal parts."""
+        result = np.zeros((count, *values.shape[1:]))
+        for corner in self.corners.T:
+            np.add.at(result, corner, values / 4)
+        return result
+
+    def between(self, values: np.ndarray) -> np.ndarray:
+        """Values at vertices (vertices, ...) at the nodes of the rows, shape (m, ...)."""
+        return values[self.corners].mean(axis=1)
 
     def chosen(self, rows: np.ndarray) -> ContactRows:
         """Some of the rows, by their numbers."""
@@ -80,7 +107,8 @@ def rows_along(
     means: csr_matrix,
     normal: csr_matrix | None = None,
     *,
-    vertices: np.ndarray,
+    nodes: np.ndarray,
+    corners: np.ndarray,
     gaps: np.ndarray,
     weights: np.ndarray,
     free: np.ndarray | None = None,
@@ -98,7 +126,8 @@ def rows_along(
         tangential=means_along(means[np.repeat(np.arange(m), d)], slips.reshape(-1, N)),
         gaps=gaps,
         weights=weights,
-        vertices=vertices,
+        nodes=nodes,
+        corners=corners,
         normals=normals,
         tied=np.full(m, tied),
     )
@@ -160,67 +189,139 @@ def meeting_faces(
 
 def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
-    corners, means = _corners(problem)
-    corners = _shared(corners, problem.processes)
-    names = corners[:, 0]
-    at = corners[:, 1].astype(int)
-    integrals = corners[:, 2:]
-    vertices, sums = meeting_faces(at, names, integrals[:, 2:])
-    m = len(vertices)
-    integrals = sums @ integrals
-    weights = integrals[:, 0]
-    gaps = integrals[:, 1]
-    normals = integrals[:, 2:]
+    own, means = _records(problem)
+    records, means = _shared(own, means, problem.processes)
+    weights = records["weight"]
+    directions = weights[:, None] * records["normal"]
+    nodes, sums = meeting_faces(records["node"], records["boundary"], directions)
+    if not len(nodes):
+        return _no_rows(problem)
+    first = sums.indices[sums.indptr[:-1]]  # one of the corners of each row
+    normals = sums @ directions
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    if problem.order == 1:
-        where = (np.arange(m), vertices)
-        shape = (m, means.shape[1])
-        means = csr_matrix((np.ones(m), where), shape=shape)
-    else:
-        means = diags(1 / weights) @ sums @ means
-    rows = rows_along(
-        normals, means, vertices=vertices, gaps=gaps / weights, weights=weights
-    )
+    area = sums @ weights
+    gaps = sums @ (weights * records["gap"]) / area
+
+    means = means[first]
+    along = means_along(means, normals)
+    if problem.order == 2:
+        coefficients = _coefficients(records, sums, first)
+        means = coefficients @ means
+        along = coefficients @ along
+        least = np.maximum.reduceat(records["least"][sums.indices], sums.indptr[:-1])
+        gaps = np.maximum(coefficients @ gaps, least)
+    at = {"nodes": nodes, "corners": records["corners"][first]}
+    rows = rows_along(normals, means, along, **at, gaps=gaps, weights=area)
     return rows.movable(supports.free)
 
 
-def _corners(problem: Problem) -> tuple[np.ndarray, csr_matrix]:
-    """The corners of all contact facets, and integrals of functions there, (corners, nodes).
-
-    A corner has the number of its boundary, its vertex and integrals with its hat: of 1, of the gap
-    and of the normal, shape (corners, 4 + N).  For order one the gap is that of the vertex.
-    """
-    mesh = problem.mesh
+def _no_rows(problem: Problem) -> ContactRows:
+    """The rows of a problem without a contact boundary."""
     N = problem.N
-    order = problem.order
-    scalar = H1(mesh, order=order)
-    found = [np.zeros((0, 4 + N))]
+    count = H1(problem.mesh, order=problem.order).ndof
+    none = np.zeros(0)
+    return rows_along(
+        np.zeros((0, N)),
+        csr_matrix((0, count)),
+        nodes=none.astype(int),
+        corners=np.zeros((0, 4), dtype=int),
+        gaps=none,
+        weights=none,
+    )
+
+
+def _record_type(N: int) -> np.dtype:
+    """What is known of a node of a facet."""
+    whole = np.int64
+    return np.dtype(
+        [
+            ("boundary", whole),  # number of its name
+            ("node", whole),
+            ("facet", whole),  # of a process
+            ("rank", whole),  # of the process
+            ("shape", whole),  # number in SHAPES
+            ("local", whole),  # number of the node in the facet
+            ("corners", whole, 4),  # vertices that the node is the mean of
+            ("weight", float),  # integral of the polynomial of the node
+            ("gap", float),
+            ("least", float),  # of the coefficient of the gap
+            ("normal", float, N),
+        ]
+    )
+
+
+def _records(problem: Problem) -> tuple[np.ndarray, csr_matrix]:
+    """All nodes of all contact facets, and the values there of functions, (records, nodes)."""
+    scalar = H1(problem.mesh, order=problem.order)
+    found = [np.zeros(0, dtype=_record_type(problem.N))]
     means = [csr_matrix((0, scalar.ndof))]
+    facets = 0
     for number, name in enumerate(problem.contact_names):
-        psi = problem.gaps[name]
-        facets = mapped_facets(problem, scalar, name, 2 if order == 1 else 6)
-        for shape, nodes, shapes, area, points in facets:
-            given = np.column_stack(
-                [np.ones(len(points)), psi(points), problem.normal(points)]
-            )
-            vertices = nodes[:, nodes[0] < mesh.nv]
-            hats = (area[:, :, None] * shapes[:, : vertices.shape[1]]).swapaxes(1, 2)
-            integrals = hats @ given.reshape(*area.shape, 2 + N)
-            if order == 1:
-                at_corners = sample(
-                    psi, mesh, [name], {shape: corner_rules(N - 1)[shape]}
-                )
-                integrals[:, :, 1] = integrals[:, :, 0] * at_corners.reshape(
-                    vertices.shape
-                )
-            boundary = np.full(vertices.size, number)
-            integrals = integrals.reshape(-1, 2 + N)
-            found.append(np.column_stack([boundary, vertices.ravel(), integrals]))
-            columns = nodes.repeat(vertices.shape[1], axis=0).ravel()
-            where = np.arange(vertices.size).repeat(nodes.shape[1]), columns
-            shape = vertices.size, scalar.ndof
-            means.append(csr_matrix(((hats @ shapes).ravel(), where), shape=shape))
-    return np.vstack(found), vstack(means, format="csr")
+        degree = 2 if problem.order == 1 else 6
+        for shape, dofs, _, area, _ in mapped_facets(problem, scalar, name, degree):
+            facet = facet_nodes(shape, problem.order)
+            element = _element(problem, scalar, name, shape)
+            nodes = dofs[:, facet.numbers(element)]
+            rule = rules_of(problem.N - 1, degree)[shape]
+            records = _records_of(problem, name, facet, nodes)
+            records["boundary"] = number
+            records["facet"] = facets + np.arange(len(dofs))[:, None]
+            records["weight"] = area @ facet.basis(_places(rule, facet))
+            found.append(records.ravel())
+            means.append(_values_at_nodes(facet, element, dofs, scalar.ndof))
+            facets += len(dofs)
+    return np.concatenate(found), vstack(means, format="csr")
+
+
+def _records_of(
+    problem: Problem, name: str, facet: FacetNodes, nodes: np.ndarray
+) -> np.ndarray:
+    """What is known of the nodes (facets, k) of the facets of a shape, same shape."""
+    mesh = problem.mesh
+    at = mesh.MapToAllElements({facet.shape: facet.rule}, mesh.Boundaries(name))
+    gap = np.ravel(problem.gaps[name](at)).reshape(nodes.shape)
+    records = np.zeros(nodes.shape, dtype=_record_type(problem.N))
+    records["node"] = nodes
+    records["rank"] = problem.processes.rank
+    records["shape"] = SHAPES.index(facet.shape)
+    records["local"] = np.arange(nodes.shape[1])
+    records["corners"] = nodes[:, facet.corners]
+    records["gap"] = gap
+    records["least"] = -np.inf
+    if facet.degree == 2:
+        records["least"] = _least(problem, name, facet, gap)
+    normal = np.asarray(problem.normal(at))
+    records["normal"] = normal.reshape(*nodes.shape, problem.N)
+    return records
+
+
+def _element(problem: Problem, space: FESpace, name: str, shape: ET) -> FiniteElement:
+    """The functions of a space on the facets of a shape."""
+    facets = problem.mesh.Boundaries(name).Elements()
+    one = next(facet.nr for facet in facets if facet.type == shape)
+    return space.GetFE(ElementId(BND, one))
+
+
+def _places(rule: IntegrationRule, facet: FacetNodes) -> np.ndarray:
+    """The points of a rule in the reference facet, shape (points, dimension)."""
+    dimension = facet.places.shape[1]
+    return np.array([point[:dimension] for point in rule.points])
+
+
+def _values_at_nodes(
+    facet: FacetNodes, element: FiniteElement, dofs: np.ndarray, count: int
+) -> csr_matrix:
+    """The values at the nodes of facets with unknowns (facets, k), shape (facets k, count)."""
+    places = facet.places.tolist()
+    shapes = np.array([np.array(element.CalcShape(*place)) for place in places])
+    shapes[np.abs(shapes) < 1e-12] = 0.0
+    values = np.broadcast_to(shapes, (len(dofs), *shapes.shape))
+    columns = np.broadcast_to(dofs[:, None], values.shape)
+    size = len(dofs) * len(places)
+    where = np.arange(size).repeat(dofs.shape[1]), columns.ravel()
+    result = csr_matrix((values.ravel(), where), shape=(size, count))
+    result.eliminate_zeros()
+    return result
 
 
 def mapped_facets(
@@ -258,17 +359,127 @@ def mapped_facets(
         )
 
 
-def _shared(corners: np.ndarray, processes: Team) -> np.ndarray:
-    """The corners with those that other processes have at common vertices, in one order on all."""
+def _least(
+    problem: Problem, name: str, facet: FacetNodes, gap: np.ndarray
+) -> np.ndarray:
+    """Least coefficients of a gap that jumps, -inf elsewhere, from its values (facets, k)."""
+    mesh = problem.mesh
+    rule, owners = facet.missed()
+    at = mesh.MapToAllElements({facet.shape: rule}, mesh.Boundaries(name))
+    between = np.ravel(problem.gaps[name](at)).reshape(len(gap), -1)
+    coefficients = gap @ facet.coefficients.T
+    off = np.abs(between - coefficients @ facet.basis(_places(rule, facet)).T)
+    bend = np.abs(coefficients - gap)
+    jumps = off > JUMP * bend[:, owners] + ZERO_GAP * np.abs(gap).max(initial=0.0)
+
+    result = np.full(gap.shape, -np.inf)
+    for node, row in enumerate(facet.coefficients):
+        low = gap[:, row != 0].min(axis=1)
+        jumping = jumps[:, owners == node].any(axis=1)
+        result[:, node] = np.where(jumping, low, -np.inf)
+    return result
+
+
+def _coefficients(
+    records: np.ndarray, sums: csr_matrix, first: np.ndarray
+) -> csr_matrix:
+    """Bernstein coefficients of the rows from values at their nodes, shape (rows, rows)."""
+    row_of = np.empty(len(records), dtype=int)
+    row_of[sums.indices] = np.repeat(np.arange(len(first)), np.diff(sums.indptr))
+    most = 16  # more than a facet has nodes
+    facet = np.unique(records[["rank", "facet"]], return_inverse=True)[1]
+    key = most * facet.astype(np.int64) + records["local"]
+    order = np.argsort(key)
+    rows = []
+    columns = []
+    values = []
+    for number, shape in enumerate(SHAPES):
+        table = facet_nodes(shape, 2).coefficients
+        for local, entries in enumerate(table):
+            chosen = (records["shape"] == number) & (records["local"] == local)
+            mine = np.flatnonzero(chosen[first])
+            for other in np.flatnonzero(entries):
+                wanted = most * facet[first[mine]].astype(np.int64) + other
+                there = order[np.searchsorted(key, wanted, sorter=order)]
+                rows.append(mine)
+                columns.append(row_of[there])
+                values.append(np.full(len(mine), entries[other]))
+    where = np.concatenate(rows), np.concatenate(columns)
+    size = len(first), len(first)
+    return csr_matrix((np.concatenate(values), where), shape=size)
+
+
+def deepest_overlap(problem: Problem, u: np.ndarray) -> float:
+    """The largest u . n - gap at many points of the contact boundary (length), zero if none.
+
+    From nodal displacements (nodes, N).
+    """
+    mesh = problem.mesh
+    scalar = H1(mesh, order=problem.order)
+    result = 0.0
+    for name in problem.contact_names:
+        region = mesh.Boundaries(name)
+        for shape in {facet.type for facet in region.Elements()}:
+            rule = facet_lattice(shape)
+            element = _element(problem, scalar, name, shape)
+            functions = np.array([np.array(element.CalcShape(*p)) for p in rule.points])
+            alike = (f for f in region.Elements() if f.type == shape)
+            dofs = [scalar.GetDofNrs(ElementId(BND, facet.nr)) for facet in alike]
+            moved = np.einsum("qk,ekc->eqc", functions, u[np.array(dofs)])
+
+            at = mesh.MapToAllElements({shape: rule}, region)
+            normal = np.asarray(problem.normal(at)).reshape(moved.shape)
+            gap = np.ravel(problem.gaps[name](at)).reshape(moved.shape[:2])
+            depth = np.einsum("eqc,eqc->eq", moved, normal) - gap
+            result = max(result, float(depth.max(initial=0.0)))
+    return result
+
+
+def _shared(
+    records: np.ndarray, means: csr_matrix, processes: Team
+) -> tuple[np.ndarray, csr_matrix]:
+    """The same with what other processes have at common nodes, in one order on all."""
     if processes.size == 1:
-        return corners
+        return records, means
+    own = processes.rank
     number = processes.numbers
+    records = _renumbered(records, lambda nodes: number[nodes])
     sent = {}
-    corners[:, 1] = number[corners[:, 1].astype(int)]
     for rank, nodes in processes.copies.items():
-        sent[rank] = corners[np.isin(corners[:, 1], number[nodes])]
-    found = processes.traded(sent) | {processes.rank: corners}
-    every = np.vstack([found[rank] for rank in sorted(found)])
+        sent[rank] = records[np.isin(records["node"], number[nodes])]
+    found = processes.traded(sent) | {own: records}
     order = np.argsort(number)
-    every[:, 1] = order[np.searchsorted(number, every[:, 1], sorter=order)]
-    return every
+    every = np.concatenate([found[rank] for rank in sorted(found)])
+    every = _renumbered(
+        every, lambda nodes: order[np.searchsorted(number, nodes, sorter=order)]
+    )
+    parts = []
+    for rank in sorted(found):
+        if rank == own:
+            parts.append(means)
+            continue
+        there = every[every["rank"] == rank]
+        parts.append(_at_common_nodes(there, means.shape[1]))
+    return every, vstack(parts, format="csr")
+
+
+def _renumbered(
+    records: np.ndarray, number: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """The records with other numbers of nodes."""
+    result = records.copy()
+    for name in ("node", "corners"):
+        result[name] = number(records[name])
+    return result
+
+
+def _at_common_nodes(records: np.ndarray, count: int) -> csr_matrix:
+    """Values at nodes on the boundary of a facet, corners and middles of edges, (n, count)."""
+    corners = records["corners"]
+    middle = corners[:, 0] != corners[:, 3]
+    columns = np.column_stack([corners, records["node"]])
+    values = np.column_stack(
+        [np.full(corners.shape, 0.25), np.where(middle, MIDDLE, 0)]
+    )
+    where = np.arange(len(records)).repeat(5), columns.ravel()
+    return csr_matrix((values.ravel(), where), shape=(len(records), count))

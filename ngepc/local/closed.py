@@ -97,6 +97,8 @@ class Closed:
         closed = np.flatnonzero(active)
         sticking = np.flatnonzero(sticks)
         self.numbers = np.append(closed, m + sticking)
+        of_tangents = np.repeat(rows.nodes, sticks.shape[1])
+        self._nodes = np.append(rows.nodes[closed], of_tangents[sticking])
         normal = rows.normal[closed]
         held = T[sticking]
         self.rows = vstack([normal, held]).multiply(self.free).tocsr()
@@ -143,16 +145,11 @@ class Closed:
     def pins(self, N: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes of closed rows and the projections onto what they leave free there, (k, N, N).
 
-        Rows over several nodes pin the one where they are largest.
+        Rows over several nodes pin their own one.
         """
         rows, count = self.rows, self.rows.shape[0]
-        largest = (
-            np.asarray(abs(rows).argmax(axis=1)).ravel()
-            if count
-            else np.zeros(0, dtype=int)
-        )
-        nodes, which = np.unique(largest // N, return_inverse=True)
-        columns = (largest // N * N)[:, None] + np.arange(N)
+        nodes, which = np.unique(self._nodes, return_inverse=True)
+        columns = N * self._nodes[:, None] + np.arange(N)
         normals = np.asarray(rows[np.arange(count)[:, None], columns].todense())
         gram = np.zeros((len(nodes), N, N))
         np.add.at(gram, which, normals[:, :, None] * normals[:, None, :])

@@ -22,6 +22,7 @@ from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import Monitor
+from ngepc.results.result import DiscreteSolution
 
 COVERS = frozenset(
     {
@@ -168,18 +169,19 @@ def starting_state(discrete: DiscreteProblem, start: object | None) -> State:
     rows = discrete.rows
     if not isinstance(pressure, GridFunction) or not len(rows):
         return discrete.state(u)
+    if isinstance(start, DiscreteSolution) and _same_rows(start, discrete):
+        return discrete.state(u, contact=start.state.contact)
 
     def on_rows(function: GridFunction) -> np.ndarray:
-        """A P1 function, on this or another mesh, at the vertices of the rows: (m, components)."""
+        """A P1 function, on this or another mesh, at the nodes of the rows: (m, components)."""
         own = function.space.mesh
         mesh = discrete.problem.mesh
         values = function.vec.FV().NumPy().reshape(-1, own.nv).T
-        same = own is mesh
-        return (
-            values[rows.vertices]
-            if same
-            else at_vertices(own, values, mesh, rows.vertices)
-        )
+        if own is mesh:
+            return rows.between(values)
+        vertices, where = np.unique(rows.corners, return_inverse=True)
+        there = at_vertices(own, values, mesh, vertices)
+        return there[where.reshape(rows.corners.shape)].mean(axis=1)
 
     forces = np.where(
         rows.tied, 0.0, np.maximum(on_rows(pressure)[:, 0], 0.0) * rows.weights
@@ -192,3 +194,12 @@ def starting_state(discrete: DiscreteProblem, start: object | None) -> State:
             tangential = -np.einsum("mdj,mj,m->md", rows.tangents, stress, rows.weights)
         forces = np.concatenate([forces, tangential.ravel()])
     return discrete.state(u, contact=forces)
+
+
+def _same_rows(start: DiscreteSolution, discrete: DiscreteProblem) -> bool:
+    """Whether a result has the same rows: its forces are those of this problem."""
+    same = start.state.body.problem.mesh is discrete.problem.mesh
+    alike = len(start.state.contact) == len(discrete.contact)
+    nodes = start.rows.nodes
+    tied = start.rows.tied.any() or discrete.rows.tied.any()
+    return same and alike and not tied and np.array_equal(nodes, discrete.rows.nodes)

@@ -10,7 +10,8 @@ import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
 
 from ngepc.discretisation.body import Iterate
-from ngepc.discretisation.rows import ContactRows
+from ngepc.discretisation.mortar import deepest_pair_overlap
+from ngepc.discretisation.rows import ContactRows, deepest_overlap
 from ngepc.model.data import order_note
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.own import require_same_mesh
@@ -197,10 +198,22 @@ class DiscreteSolution(Result):
         """gaps - N u of each contact row (length), shape (m,)."""
         return self.state.open_gap
 
-    @property
+    @cached_property
     def penetration(self) -> float:
-        """The deepest penetration of a contact row (length), rounding for a solution."""
-        return self.state.penetration
+        """The deepest overlap with an obstacle or another body at any point (length).
+
+        It is evaluated at 13 points along each edge, and inside facets likewise.  Rows that must
+        stay closed count with what they open or overlap.  Where the gap is quadratic on straight
+        facets, linear for order one, nothing but rounding is left for a solution.
+        """
+        problem = self.problem
+        depth = deepest_overlap(problem, self.state.u)
+        for pair in problem.contact_pairs:
+            if not pair.tied:
+                depth = max(depth, deepest_pair_overlap(problem, pair, self.state.u))
+        tied = np.abs(self.open_gap[self.rows.tied])
+        depth = max(depth, float(tied.max(initial=0.0)))
+        return problem.processes.maximum(np.array([depth]))
 
     @property
     def pressing(self) -> np.ndarray:
@@ -242,10 +255,9 @@ class DiscreteSolution(Result):
         components = forces.shape[1]
         space = H1(mesh, order=1) if components == 1 else VectorH1(mesh, order=1)
         density = GridFunction(space, name=name)
-        area = np.zeros(mesh.nv)
-        np.add.at(area, rows.vertices, rows.weights)
+        area = rows.at_vertices(rows.weights, mesh.nv)
         values = density.vec.FV().NumPy().reshape(components, mesh.nv)
-        np.add.at(values.T, rows.vertices, forces)
+        values += rows.at_vertices(forces, mesh.nv).T
         values /= np.where(area > 0, area, 1.0)
         return density
 
@@ -259,7 +271,9 @@ class DiscreteSolution(Result):
             self.state.body.contact.bound(self.state.contact) > 0
         )
         sliding = GridFunction(H1(self.problem.mesh, order=1), name="sliding")
-        sliding.vec.FV().NumPy()[self.rows.vertices[slips & acts]] = 1.0
+        nodes = self.rows.nodes[slips & acts]
+        values = sliding.vec.FV().NumPy()
+        values[nodes[nodes < len(values)]] = 1.0
         return sliding
 
     @property
@@ -270,7 +284,7 @@ class DiscreteSolution(Result):
     @cached_property
     def contact_facets(self) -> int:
         """Number of contact facets all of whose vertices are pressed."""
-        pressed = set(self.rows.vertices[self.pressing > 0].tolist())
+        pressed = set(self.rows.nodes[self.pressing > 0].tolist())
         facets = self.problem.mesh.Boundaries(
             "|".join(self.problem.touching_names)
         ).Elements()
@@ -295,7 +309,7 @@ class DiscreteSolution(Result):
         processes = self.problem.processes
         rows = self.rows
         touching = int(self.state.body.contact.sum_of(self.pressing > 0))
-        places = vertex_coordinates(self.problem.mesh)[rows.vertices].tolist()
+        places = rows.between(vertex_coordinates(self.problem.mesh)).tolist()
         gaps = np.where(rows.tied, np.inf, self.open_gap).tolist()
         gap, place = min(
             processes.all(min(zip(gaps, places, strict=True), default=(np.inf, [])))

@@ -201,9 +201,10 @@ def _of_form(form: Form, state: State) -> Slope:
     mean, deviator = law.stress(state.at)
     values = {"p": total, "stress": deviator, "mean": mean}
     parts = [functions.function(value) for value in values.values()]
-    area = np.bincount(rows.vertices, rows.weights, mesh.nv)[rows.vertices]
-    share = 1 / np.where(rows.tied, np.inf, area)
-    pressure = np.bincount(rows.vertices, share * state.multipliers, mesh.nv)
+    area = rows.at_vertices(rows.weights, mesh.nv)
+    forces = rows.at_vertices(np.where(rows.tied, 0.0, state.multipliers), mesh.nv)
+    share = 1 / np.where(area > 0, area, np.inf)
+    pressure = share * forces
     space = discrete.supports.space
     for part in (*(part.space for part in parts), ngs.H1(mesh, order=1)):
         space = space * part
@@ -222,7 +223,8 @@ def _of_form(form: Form, state: State) -> Slope:
     varied.Apply(here.vec, slope.vec)
     of_u, *of_points, of_pressure = (c.vec.FV().NumPy() for c in slope.components)
     contact = np.zeros_like(state.contact)
-    contact[: len(rows)] = share * of_pressure[rows.vertices]
+    of_rows = rows.between(share * of_pressure)
+    contact[: len(rows)] = np.where(rows.tied, 0.0, of_rows)
     by = Data(u=nodal(of_u, discrete.problem).copy(), contact=contact)
     for (name, value), of in zip(values.items(), of_points, strict=True):
         by[name] = functions.transposed(of, value.size // len(value)).reshape(

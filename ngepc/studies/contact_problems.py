@@ -38,7 +38,7 @@ def step42() -> Solved:
 
 def fitted(result: DiscreteSolution, least: float = 0.15) -> tuple[float, float]:
     """Peak pressure and half width of p^2 = p_0^2 (1 - x^2/a^2), fitted where p is not small."""
-    place = vertex_coordinates(result.problem.mesh)[result.rows.vertices, 0]
+    place = result.rows.between(vertex_coordinates(result.problem.mesh))[:, 0]
     p = result.nodal_contact_forces / result.rows.weights
     inner = (p > least * p.max()) & (place > 0.05 * place[p > 0].max())
     slope, top = np.polyfit(place[inner] ** 2, p[inner] ** 2, 1)
@@ -121,7 +121,7 @@ def mindlin(fine: float = 0.05) -> Solved:
     result = semismooth_newton(sheared, start=pressed).raise_for_status()
     P = result.contact_force
     Q = abs(result.friction_force[0])
-    place = vertex_coordinates(blocks)[result.rows.vertices, 0]
+    place = result.rows.between(vertex_coordinates(blocks))[:, 0]
     a = math.sqrt(4 * P * R / (math.pi * E / (2 * (1 - nu**2))))
     c = a * math.sqrt(1 - Q / (mu * P))
     peak = 2 * P / (math.pi * a)

@@ -64,8 +64,8 @@ def random_problem(seed, law):
         "contact",
         mean + wave * sin(5 * x + phase),
         body_force=tuple(push[2:].tolist()),
-        friction=friction,
         order=1,
+        friction=friction,
     )
 
 
@@ -212,7 +212,7 @@ def judged(problem):
 def forces_of(body, result):
     """The forces of a result in the order of ``Block``: its tangents are (-1, 0)."""
     rows = result.rows
-    order = np.argsort(rows.vertices)
+    order = np.argsort(rows.nodes)
     t = result.nodal_friction_forces[order, 0] * rows.tangents[order, 0, 0]
     return np.append(result.nodal_contact_forces[order], t)
 

@@ -245,21 +245,23 @@ def test_small_coefficients_need_no_search(cells, mu, monkeypatch):
     assert solved(pressed(cells, Coulomb(mu))).message == ""
 
 
-def pressed(cells, friction, gap=-0.02):
+def pressed(cells, friction, gap=-0.02, order=1):
     """A block on its base, pressed down by 0.02: it bulges against the friction of the press."""
     material = Material.kinematic(
         lame_lambda=1e3, lame_mu=1e3, yield_stress=15.0, hardening=100.0
     )
     mesh = block.structured_mesh(*cells, simplices=True)
     touches = {"contact": "contact", "gap": gap, "friction": friction}
-    return Problem(mesh, material, **touches, order=1)
+    return Problem(mesh, material, **touches, order=order)
 
 
+@pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("cells", [(8, 4), (3, 3, 3)])
 @pytest.mark.parametrize("friction", [0.0, 2.0, 40.0, Coulomb(0.1), Coulomb(0.8)])
-def test_plastic_block(cells, friction):
+def test_plastic_block(cells, friction, order):
     """Iterate, both laws on each row, J + J* = 0, at most two steps more than without friction."""
-    smooth, result = solved(pressed(cells, None)), solved(pressed(cells, friction))
+    smooth = solved(pressed(cells, None, order=order))
+    result = solved(pressed(cells, friction, order=order))
     assert result.iterations <= smooth.iterations + 2
     assert (
         abs(result.primal_energy + result.dual_energy) <= 1e-11 * result.primal_energy
@@ -479,10 +481,11 @@ def test_turned_bodies_give_turned_solutions():
     )
 
 
+@pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("law", [4.0, Coulomb(0.3)])
 @pytest.mark.parametrize("cells", [(8, 4), (3, 3, 3)])
-def test_primal_method_agrees(cells, law):
-    problem = pressed(cells, law)
+def test_primal_method_agrees(cells, law, order):
+    problem = pressed(cells, law, order=order)
     one, two = solved(problem), primal_newton(problem).raise_for_status()
     size = np.abs(one.state.u).max()
     assert np.abs(one.state.u - two.state.u).max() < 1e-9 * size

@@ -430,7 +430,7 @@ def test_shapes_of_nodal_arrays(body):
     assert m > 0
     assert rows.normal.shape == (m, nodes * N)
     assert rows.tangential.shape == (m * (N - 1), nodes * N)
-    assert rows.gaps.shape == rows.weights.shape == rows.vertices.shape == (m,)
+    assert rows.gaps.shape == rows.weights.shape == rows.nodes.shape == (m,)
     assert (rows.normals.shape, rows.tangents.shape) == ((m, N), (m, N - 1, N))
     frames = np.concatenate([rows.normals[:, None], rows.tangents], axis=1)
     assert close(
@@ -460,7 +460,10 @@ def test_forces_of_rows_are_their_adjoints_and_translations_pass_through(body, r
     )
     shift, constant = random.normal(size=problem.N), np.zeros(u.shape)
     constant[: problem.mesh.nv] = shift
-    assert close(rows.normal @ constant.ravel(), rows.normals @ shift, 1e-12)
+    # A row between vertices of a curved facet has the normals of several nodes.
+    own = rows.nodes < problem.mesh.nv if body[0] == "curved" else slice(None)
+    along = rows.normal @ constant.ravel()
+    assert close(along[own], (rows.normals @ shift)[own], 1e-12)
     assert close(
         rows.tangential @ constant.ravel(), (rows.tangents @ shift).ravel(), 1e-12
     )

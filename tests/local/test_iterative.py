@@ -90,10 +90,10 @@ def test_the_projection_keeps_supports_and_closed_rows(discrete):
 def test_pins_are_projections_across_the_normals(discrete):
     active = np.ones(len(discrete.rows), dtype=bool)
     nodes, projections = Closed(discrete, active).pins(3)
-    assert set(nodes) <= set(discrete.rows.vertices)
+    assert set(nodes) <= set(discrete.rows.nodes)
     assert projections == pytest.approx(projections @ projections, abs=1e-13)
     for node, projection in zip(nodes, projections, strict=True):
-        normal = discrete.rows.normals[discrete.rows.vertices == node]
+        normal = discrete.rows.normals[discrete.rows.nodes == node]
         assert np.abs(normal @ projection).max() < 1e-12
 
 
@@ -173,7 +173,7 @@ def test_active_sets_find_the_solution_of_the_direct_method(discrete):
     assert found.primal_energy == pytest.approx(exact.primal_energy, rel=1e-10)
     assert found.contact_force == pytest.approx(exact.contact_force, rel=1e-7)
     assert found.iterations <= exact.iterations + 2
-    assert found.penetration <= found.state.touching_distance
+    assert found.state.penetration <= found.state.touching_distance
 
 
 def test_linear_systems_are_solved_as_exactly_as_the_step_deserves(discrete):

@@ -89,15 +89,12 @@ def test_springs_at_points_hold_a_floating_body(solver):
 @both
 def test_stiff_springs_approach_a_clamped_boundary(solver):
     load = {"right": (1.0, 0.5)}
-    held = solver(Problem(SQUARE, STEEL, "left", load))
-    distance = [
-        np.abs(
-            values(solver(Problem(SQUARE, STEEL, None, load, springs={"left": (k, k)})))
-            - u
-        ).max()
-        for k in (1e6, 1e7)
-        for u in [values(held)]
-    ]
+    held = Problem(SQUARE, STEEL, "left", load, order=1)
+    u = values(solver(held))
+    distance = []
+    for k in (1e6, 1e7):
+        on_springs = replace(held, clamped=None, springs={"left": (k, k)})
+        distance.append(np.abs(values(solver(on_springs)) - u).max())
     assert distance[0] / distance[1] == pytest.approx(10, rel=0.02)
 
 
@@ -309,7 +306,7 @@ def test_two_bodies_clamped_beside_their_contact(solver):
     )
     result = solver(problem)
     assert result.status is Status.CONVERGED
-    first = np.asarray(mesh.ngmesh.Coordinates())[result.rows.vertices]
+    first = result.rows.between(np.asarray(mesh.ngmesh.Coordinates()))
     assert np.abs(first[:, 0]).min() < 1e-12
     assert result.open_gap.min() > -1e-14
     held = (

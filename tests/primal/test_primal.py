@@ -386,9 +386,9 @@ def test_normals_on_a_circle_point_outward_along_the_radius():
         kinematics="two-dimensional",
     )
     contact = contact_rows(problem, Supports(problem))
-    points = np.asarray(problem.mesh.ngmesh.Coordinates())[contact.vertices, :2]
+    points = np.asarray(problem.mesh.ngmesh.Coordinates())[contact.nodes, :2]
     radial = points / np.linalg.norm(points, axis=1, keepdims=True)
-    assert len(contact) == len(np.unique(contact.vertices)) > 20
+    assert len(contact) == len(np.unique(contact.nodes)) > 20
     assert np.abs(contact.normals - radial).max() < 0.01
 
 
