@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -83,69 +83,99 @@ def relative(size: float, largest: float) -> float:
     return size / largest if largest > 0 else 0.0
 
 
-def advance_by_accuracy(
-    fine: Run,
-    coarse: Run,
-    ends: list[float],
-    begin: float,
-    accuracy: float,
-    most_halvings: int,
-    monitor: Callable[[EvolutionStep], None] | None,
-) -> None:
-    """Take two steps of ``fine`` for each of ``coarse``, shorter ones where they part too fast.
+@dataclass(eq=False)
+class Increments:
+    """Two runs side by side: two steps of ``fine`` for each of ``coarse``.
 
-    A step may add its share of time, times ``accuracy``, to the difference of the histories.  The
-    estimate stands in the records and the message of ``fine``.
+    A step may add its share of time, times ``accuracy``, to the difference of the histories; where
+    it adds more it is halved, ``most_halvings`` times at most.  The estimate stands in the records
+    and the message of ``fine``.
     """
-    evolution = fine.evolution
-    difference = Difference(evolution.memory.functions.points)
-    preview(coarse, ends, difference)
-    duration = ends[-1] - begin
-    pending = listed(ends, begin, halve=len(ends) < FEW)
-    now = begin
-    before = 0.0
-    too_coarse = 0.0
-    try:
+
+    fine: Run
+    coarse: Run
+    begin: float
+    accuracy: float
+    most_halvings: int
+    monitor: Callable[[EvolutionStep], None] | None = None
+
+    def __post_init__(self) -> None:
+        self.difference = Difference(self.fine.evolution.memory.functions.points)
+        self.apart = 0.0
+        self.too_coarse = 0.0
+
+    def advance(self, ends: list[float]) -> None:
+        """Go through the listed ends of steps."""
+        evolution = self.fine.evolution
+        try:
+            preview(self.coarse, ends, self.difference)
+            self._through(ends)
+        except (StopIteration, KeyboardInterrupt):
+            evolution.status = Status.STOPPED
+            evolution.message = f"After {len(evolution.steps)} steps."
+            return
+        if self.too_coarse > self.accuracy:
+            told = f"the increments are about {self.too_coarse:.2g} off"
+            evolution.status = Status.STEP_LIMIT
+            evolution.message = (
+                f"By {self.most_halvings} halvings of a step {told}, "
+                f"asked {self.accuracy:g}."
+            )
+
+    def _through(self, ends: list[float]) -> None:
+        """All steps, halved where they have to be; a step that fails at last ends the run."""
+        evolution = self.fine.evolution
+        duration = ends[-1] - self.begin
+        pending = listed(ends, self.begin, halve=len(ends) < FEW)
+        now = self.begin
         while pending:
             end, level = pending.pop()
-            states = fine.state, coarse.state
+            states = self.fine.state, self.coarse.state
             middle = 0.5 * (now + end)
-            status, message, failed_at = _both(fine, coarse, middle, end, level)
+            status, message, where = self._both(middle, end, level)
             apart = math.inf
             if status.is_success:
-                apart = difference(evolution.steps[-1], coarse.evolution.steps[-1])
-            allowed = before + accuracy * (end - now) / duration
-            if apart > allowed and level < most_halvings:
-                fine.restore(states[0])
-                coarse.restore(states[1])
+                apart = self.difference(
+                    evolution.steps[-1], self.coarse.evolution.steps[-1]
+                )
+            allowed = self.apart + self.accuracy * (end - now) / duration
+            if apart > allowed and level < self.most_halvings:
+                self.fine.restore(states[0])
+                self.coarse.restore(states[1])
                 log.info("step to time %g: %.2g apart, halved", end, apart)
                 pending += [(end, level + 1), (middle, level + 1)]
                 continue
-            if not status.is_success:
-                evolution.status = status
-                evolution.message = f"In the step to time {failed_at:g}: {message}"
-                return
             if status is not Status.CONVERGED:
                 evolution.status = status
-                evolution.message = f"In the step to time {failed_at:g}: {message}"
+                evolution.message = f"In the step to time {where:g}: {message}"
+            if not status.is_success:
+                return
             if apart > allowed:
-                too_coarse = max(too_coarse, apart)
-            last = evolution.steps[-1]
-            record = replace(last.record, time_error=apart)
-            evolution.steps[-1] = replace(last, record=record)
-            if monitor is not None:
-                for step in evolution.steps[-2:]:
-                    monitor(step)
+                self.too_coarse = max(self.too_coarse, apart)
+            self._record(apart)
             now = end
-            before = apart
-    except (StopIteration, KeyboardInterrupt):
-        evolution.status = Status.STOPPED
-        evolution.message = f"After {len(evolution.steps)} steps."
-        return
-    if too_coarse > accuracy:
-        told = f"the increments are about {too_coarse:.2g} off, asked {accuracy:g}"
-        evolution.status = Status.STEP_LIMIT
-        evolution.message = f"By {most_halvings} halvings of a step {told}."
+
+    def _record(self, apart: float) -> None:
+        """Keep the estimate at the end of two fine steps, and show them to the monitor."""
+        steps = self.fine.evolution.steps
+        record = replace(steps[-1].record, time_error=apart)
+        steps[-1] = replace(steps[-1], record=record)
+        self.apart = apart
+        if self.monitor is not None:
+            for step in steps[-2:]:
+                self.monitor(step)
+
+    def _both(self, middle: float, end: float, level: int) -> tuple[Status, str, float]:
+        """One coarse step and two fine ones: how they ended, why, and where."""
+        worst = Status.CONVERGED, "", end
+        steps = ((self.coarse, end), (self.fine, middle), (self.fine, end))
+        for run, time in steps:
+            status, message = run.solve_step(time, level)
+            if status is not Status.CONVERGED:
+                worst = status, message, time
+            if not status.is_success:
+                break
+        return worst
 
 
 def preview(run: Run, ends: list[float], difference: Difference) -> None:
@@ -168,17 +198,3 @@ def listed(ends: list[float], begin: float, halve: bool) -> list[tuple[float, in
     for start, end in zip(starts, ends, strict=True):
         steps += [(0.5 * (start + end), 1), (end, 1)]
     return steps[::-1]
-
-
-def _both(
-    fine: Run, coarse: Run, middle: float, end: float, level: int
-) -> tuple[Status, str, float]:
-    """One step of the coarse run and two of the fine one: how they ended, why, and where."""
-    worst = Status.CONVERGED, "", end
-    for run, time in ((coarse, end), (fine, middle), (fine, end)):
-        status, message = run.solve_step(time, level)
-        if status is not Status.CONVERGED:
-            worst = status, message, time
-        if not status.is_success:
-            break
-    return worst

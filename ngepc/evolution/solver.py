@@ -21,7 +21,7 @@ from ngepc.bounds.transfer import check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.discretisation.loads import displacement_space
-from ngepc.evolution.increments import advance_by_accuracy
+from ngepc.evolution.increments import Increments
 from ngepc.evolution.load_path import Schedule, as_schedule
 from ngepc.evolution.result import (
     Evolution,
@@ -152,8 +152,8 @@ def evolve(
         check_alone("accuracy", accuracy, steps, error=error, checkpoint=path)
         other = RepeatedSolver() if isinstance(solver, RepeatedSolver) else solver
         coarse = _Run(problem, schedule, other, cuts, None, None, refinement)
-        ends = list(schedule.times)
-        advance_by_accuracy(run, coarse, ends, schedule.begin, accuracy, cuts, monitor)
+        pair = Increments(run, coarse, schedule.begin, accuracy, cuts, monitor)
+        pair.advance(list(schedule.times))
         return run.evolution
     if path is not None:
         run.resume(EvolutionFile(path, problem, schedule, solver))
