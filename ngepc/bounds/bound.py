@@ -20,7 +20,7 @@ from ngsolve import L2, GridFunction
 
 from ngepc.bounds.conjugate import Conjugate
 from ngepc.bounds.coverage import sampled_data
-from ngepc.bounds.data import BoundData, stress_coordinates
+from ngepc.bounds.data import BoundData, strain_coordinates
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.solid import SolidBoundData
 from ngepc.discretisation.factors import Factors
@@ -149,7 +149,9 @@ class ErrorBound:
         law = self.state.discrete.law
         size = self.problem.kinematics.size
         elastic = max((1 / law.two_mu).max(), (1 / (size * law.bulk)).max())
-        return float(np.sqrt(elastic + (1 / law.hardening).max())) * self.stress
+        least = law.hardening.min()
+        plastic = 1 / least if least > 0 else np.inf
+        return float(np.sqrt(elastic + plastic)) * self.stress
 
     @cached_property
     def indicators(self) -> GridFunction:
@@ -231,9 +233,10 @@ def bound_of_state(setting: BoundData, given: State, tangent: Factors) -> ErrorB
     ):  # (gaps^(1/2) + rho / (2 m)^(1/2))^2, J is m-convex in eps(u)
         softest = law.two_mu * law.hardening / (law.two_mu + law.hardening)
         m = np.minimum(softest, setting.problem.kinematics.size * law.bulk)
-        whole = (
-            np.sqrt(np.maximum(gaps, 0.0)) + setting.carried.left / np.sqrt(2 * m)
-        ) ** 2
+        left = setting.carried.left
+        with np.errstate(divide="ignore", invalid="ignore"):
+            missing = np.where(left > 0, left / np.sqrt(2 * m), 0.0)
+        whole = (np.sqrt(np.maximum(gaps, 0.0)) + missing) ** 2
     total = float(whole.sum())
     energy = setting.energy(state)
     oscillation = total - float(gaps.sum())
@@ -258,7 +261,7 @@ def algebraic_part(setting: BoundData, state: State, tangent: Factors) -> float:
     law = setting.discrete.law
     density = law.energy_density(state.at)
     density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]
-    strain = stress_coordinates(state.volume, state.deviator, 0.0)
+    strain = strain_coordinates(state)
     gap = density - np.einsum("pc,pc->p", z, strain)
     friction = contact.friction_work(forces, state.gaps, 0.0)
     return setting.discrete.points.integral(gap) + float(forces @ state.gaps + friction)

@@ -4,15 +4,19 @@ In-plane stresses have the coordinates z = (a, b_0, b_1) = ((xx + yy)/2, (xx - y
 2^(1/2) xy), whose product with (tr eps, e_0, e_1) is sigma : eps.  With the mean part m and the
 deviatoric coordinates d of the stress
 
-    phi*(sigma) = m^2 / (2 bulk) + |d + 2 mu_2 p_0|^2 / (4 mu_2)
-                  + 1/(2 h) ([|d - dev alpha_0| - beta]_+)^2.
+    phi*(sigma) = m^2 / (2 bulk) + |d + 2 mu_2 p_0|^2 / (4 mu_2) + F(|d - dev alpha_0|),
 
-It is conjugate to the density of J, which leaves out mu_2 |p_0|^2.
+    F(r) = max over g >= 0 of  r g - h/2 g^2 - int_0^g beta,
+
+where linear hardening has F = 1/(2 h) ([r - beta]_+)^2.  It is conjugate to the density of J, which
+leaves out mu_2 |p_0|^2, as a function of the strain beyond the initial one.  F is convex, does not
+fall, and F' is the g of the maximum; it is infinite where the law does not harden up to r.
 
 In three dimensions the coordinates are m and the five of d, in the law of two dimensions m = a and
-d = b.  In plane strain no equation restricts sigma_zz, that
-is the coordinate d_1 = zeta of diag(1, 1, -2)/6^(1/2) with m = a - zeta/6^(1/2): every zeta bounds,
-the one that is taken nearly minimises phi*.
+d = b.  In plane strain no equation restricts sigma_zz, that is the coordinate d_1 = zeta of
+diag(1, 1, -2)/6^(1/2) with m = a - zeta/6^(1/2): every zeta bounds, the one that is taken nearly
+minimises phi* - zeta offset, in which the offset stands for the initial strain eps_zz.  In plane
+stress sigma_zz = 0 fixes it.
 """
 
 from __future__ import annotations
@@ -30,22 +34,29 @@ from ngepc.bounds.parts import (
     WORTH,
     beyond,
     coefficients,
+    exceeding,
     excess_integrals,
     square_integrals,
 )
 from ngepc.bounds.simplices import sliced
-from ngepc.discretisation.law import Law
+from ngepc.discretisation.law import SOFTEST, Law
+from ngepc.discretisation.resistance import Resistance
 
 R6 = np.sqrt(6.0)
 
 ZETA_STEPS = 6  # Newton steps for zeta where the stress yields
+UNREACHED = 1.0
+"""|p| that stands for an infinite one where the search for stresses needs a number."""
+
+# m, and the coordinates of d, by those in the plane where sigma_zz = 0
+THIN = np.array([[2 / 3, 0, 0], [0, 1, 0], [R6 / 3, 0, 0], [0, 0, 1]])
 
 
 class Completed(NamedTuple):
     """A stress with its third direction, shapes (...) and (..., d).
 
     ``mean`` m and ``deviator`` d; with s = d - dev alpha_0, ``over`` is [|s| - beta]_+,
-    ``direction`` s/|s| and ``size`` |s|.
+    ``direction`` s/|s|, ``size`` |s|, and ``gained`` is F'(|s|), inf where F is.
     """
 
     mean: np.ndarray
@@ -53,28 +64,45 @@ class Completed(NamedTuple):
     over: np.ndarray
     direction: np.ndarray
     size: np.ndarray
+    gained: np.ndarray
+
+    @property
+    def reached(self) -> np.ndarray:
+        """``gained``, with a number in place of inf."""
+        return np.where(np.isfinite(self.gained), self.gained, UNREACHED)
 
 
-OF_LAW = ("bulk", "two_mu", "hardening", "beta", "back", "initial")
+OF_LAW = ("bulk", "two_mu", "hardening", "beta", "offset", "back", "initial")
 
 
 class Conjugate:
     """phi* on cells that carry one set of material data each: the law's at every ``each``-th point.
 
     ``back`` and ``initial`` may differ from point to point of a cell, (cells, 1 or points, d).
+    ``resistance`` is that of the law for cells, ``columns`` the same for arrays (cells, points).
     """
 
     def __init__(self, law: Law, each: int = 1) -> None:
         for name in OF_LAW[:4]:
             setattr(self, name, getattr(law, name)[::each])
+        self.resistance = law.resistance.of(np.s_[::each])
+        self.columns = self.resistance.of(np.s_[:, None])
         self.back = law.back[::each, None]
         self.initial = law.initial[::each, None]
         self.d = self.back.shape[2]
         self.whole = self.d != 3  # no direction without an equation
+        self.thin = law.across is not None
+        self.offset = np.zeros(len(self.bulk))
+        if not (self.whole or np.ndim(law.distortion) == 0):
+            offset = law.swelling / R6 - law.distortion[:, 1]
+            self.offset = offset[::each]
 
     def of(self, cells: np.ndarray | slice) -> Conjugate:
         """phi* on some of the cells."""
-        return sliced(self, cells, OF_LAW)
+        part = sliced(self, cells, OF_LAW)
+        part.resistance = self.resistance.of(cells)
+        part.columns = part.resistance.of(np.s_[:, None])
+        return part
 
     def completed(self, z: np.ndarray) -> Completed:
         """The whole stress for coordinates z (cells, points, c).
@@ -83,9 +111,13 @@ class Conjugate:
         """
         if self.whole:
             return self._completed(z[..., 0], z[..., 1:])
-        bulk, two_mu, h = (v[:, None] for v in (self.bulk, self.two_mu, self.hardening))
+        if self.thin:
+            whole = np.matmul(z, THIN.T)
+            return self._completed(whole[..., 0], whole[..., 1:])
+        bulk = self.bulk[:, None]
+        two_mu = self.two_mu[:, None]
         stiff = 1 / (6 * bulk) + 1 / two_mu
-        free = z[..., 0] / (R6 * bulk) - self.initial[..., 1]
+        free = z[..., 0] / (R6 * bulk) - self.initial[..., 1] + self.offset[:, None]
         zeta = free / stiff
         for step in range(ZETA_STEPS + 1):
             d = np.stack([z[..., 1], zeta, z[..., 2]], axis=-1)
@@ -93,46 +125,63 @@ class Conjugate:
             if step == ZETA_STEPS or not at.over.any():
                 return at
             n = at.direction[..., 1]
-            part = at.over / np.where(at.size > 0, at.size, 1.0)
-            slope = stiff * zeta - free + n * at.over / h
-            zeta = zeta - slope / (
-                stiff + ((at.over > 0) * n**2 + part * (1 - n**2)) / h
-            )
+            along, across = self._plastic_compliance(at)
+            slope = stiff * zeta - free + n * at.reached
+            zeta = zeta - slope / (stiff + along * n**2 + across * (1 - n**2))
 
     def _completed(self, m: np.ndarray, d: np.ndarray) -> Completed:
         s = d - self.back
         size = np.sqrt(np.einsum("tqd,tqd->tq", s, s))
         over = np.maximum(size - self.beta[:, None], 0.0)
-        return Completed(m, d, over, s / np.where(size > 0, size, 1.0)[..., None], size)
+        direction = s / np.where(size > 0, size, 1.0)[..., None]
+        gained = self.columns.gained_at(size, self.hardening[:, None])
+        return Completed(m, d, over, direction, size, gained)
+
+    def _plastic_compliance(self, at: Completed) -> tuple[np.ndarray, np.ndarray]:
+        """F'' and F'/|s|, the compliances along and across s."""
+        size = np.where(at.size > 0, at.size, 1.0)
+        stiffness = self.hardening[:, None] + self.columns.slope(at.reached)
+        stiffness = np.maximum(stiffness, SOFTEST * self.two_mu[:, None])
+        return (at.over > 0) / stiffness, at.reached / size
+
+    def sought(self, at: Completed) -> np.ndarray:
+        """What a search lowers: ``value``, continued as a finite convex function."""
+        return self.value(at._replace(gained=at.reached))
 
     def value(self, at: Completed) -> np.ndarray:
-        """phi* at completed stresses, shape (triangles, points)."""
-        bulk, two_mu, h = (v[:, None] for v in (self.bulk, self.two_mu, self.hardening))
+        """phi* at completed stresses, shape (cells, points), without zeta times the offset."""
+        bulk = self.bulk[:, None]
+        two_mu = self.two_mu[:, None]
         total = self._total(at)
         square = np.einsum("tqd,tqd->tq", total, total)
-        return (at.mean**2 / bulk + square / two_mu + at.over**2 / h) / 2
+        plastic = flow_potential(
+            self.columns, self.hardening[:, None], at.size, at.gained
+        )
+        elastic = (at.mean**2 / bulk + square / two_mu) / 2
+        if self.whole or self.thin:
+            return elastic + plastic
+        return elastic + plastic - self.offset[:, None] * at.deviator[..., 1]
 
     def _total(self, at: Completed) -> np.ndarray:
         """D + 2 mu_2 p_0: the deviatoric strain without p, as a stress."""
         return at.deviator + self.two_mu[:, None, None] * self.initial
 
     def gradient(self, at: Completed) -> np.ndarray:
-        """The strain d phi* / dz, shape (triangles, points, 3)."""
+        """The strain d phi* / dz, shape (cells, points, c)."""
         strain = at.deviator / self.two_mu[:, None, None] + self.initial
-        strain = strain + (at.over / self.hardening[:, None])[..., None] * at.direction
+        strain = strain + at.reached[..., None] * at.direction
         first = (at.mean / self.bulk[:, None])[..., None]
+        if self.thin:
+            return np.matmul(np.concatenate([first, strain], axis=-1), THIN)
         return np.concatenate(
             [first, strain if self.whole else strain[..., [0, 2]]], axis=-1
         )
 
     def compliance(self, at: Completed) -> np.ndarray:
-        """d2 phi*/dz2, shape (triangles, points, 3, 3)."""
+        """d2 phi*/dz2, shape (cells, points, c, c)."""
         n = at.direction
-        h = self.hardening[:, None]
-        size = np.where(at.size > 0, at.size, 1.0)
-        across = at.over / size / h
-        along = (at.over > 0) / h - across
-        whole = along[..., None, None] * n[..., :, None] * n[..., None, :]
+        along, across = self._plastic_compliance(at)
+        whole = (along - across)[..., None, None] * n[..., :, None] * n[..., None, :]
         for k in range(self.d):
             whole[..., k, k] += across + 1 / self.two_mu[:, None]
         bulk = np.broadcast_to(1 / self.bulk[:, None], at.mean.shape)
@@ -140,6 +189,8 @@ class Conjugate:
         result[..., 0, 0], result[..., 1:, 1:] = bulk, whole
         if self.whole:
             return result
+        if self.thin:
+            return np.matmul(np.matmul(THIN.T, result), THIN)
         column = result[..., [0, 1, 3], 2]
         corner = bulk / 6 + whole[..., 1, 1]
         column[..., 0] = -bulk / R6  # the Schur complement of zeta, which m contains
@@ -151,10 +202,11 @@ class Conjugate:
     ) -> np.ndarray:
         """Upper bounds of int phi* over each cell, plus ``rest``, shape (cells,).
 
-        The plastic term is the integral of the squared distance of s from the ball |q| <= beta.
-        That is at most |s - q| for the q whose coefficients are the points of the ball that are
-        nearest to those of s: q lies in their convex hull.  Parts are split where that exceeds a
-        rule most, until what is left is small beside all integrals and ``rest``.
+        For linear hardening the plastic term is the integral of the squared distance of s from the
+        ball |q| <= beta.  That is at most |s - q| for the q whose coefficients are the points of
+        the ball that are nearest to those of s: q lies in their convex hull.  Other laws: see
+        ``_of_any_law``.  Parts are split where that exceeds a rule most, until what is left is
+        small beside all integrals and ``rest``.
 
         ``nodal`` (cells, nodes, c) are stress coordinates at the nodes of the parts of each cell:
         the vertices of three or four parts, or vertices and edge midpoints of three.
@@ -162,14 +214,18 @@ class Conjugate:
         at = self.completed(nodal)
         count = len(nodal)
         k = NODES[nodal.shape[1]]
-        mean, total, s = (
+        shifted = at.size[..., None] * at.direction
+        mean, total, s, d = (
             coefficients(v.reshape(count, -1, k, v[0, 0].size))
-            for v in (at.mean, self._total(at), at.size[..., None] * at.direction)
+            for v in (at.mean, self._total(at), shifted, at.deviator)
         )
         part = volume[:, None] / mean.shape[1]
         smooth = square_integrals(mean, part) / self.bulk[:, None]
         smooth += square_integrals(total, part) / self.two_mu[:, None]
         result = rest + smooth.sum(axis=1) / 2
+        if self.offset.any():
+            zeta = d[..., 1].mean(axis=2)  # the mean of a polynomial's coefficients
+            result = result - self.offset * (part * zeta).sum(axis=1)
         outside = np.einsum("tkid,tkid->tki", s, s) > self.beta[:, None, None] ** 2
         cell, place = np.nonzero(outside.any(axis=2))
         s = s[cell, place]
@@ -196,6 +252,8 @@ class Conjugate:
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """The bound and a rule for polynomials s (parts, k, d) on parts of cells."""
+        if not self.resistance.is_constant:
+            return self._of_any_law(s, volume, cell)
         two_h = 2 * self.hardening[cell]
         k = s.shape[1]
         bound = square_integrals(beyond(s, self.beta[cell]), volume) / two_h
@@ -208,3 +266,93 @@ class Conjugate:
             volume * (np.einsum("tqd,tqd->tq", inside, inside) @ WEIGHTS[k]) / two_h
         )
         return bound, np.minimum(likely, bound)
+
+    def _of_any_law(
+        self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same for a law of hardening, by convexity alone.
+
+        F(|s|) is convex in s, so that the mean of its values at the coefficients bounds its mean.
+        With the largest and the smallest |s| the maximum in F is between two g.  There beta(g) is
+        no less than beta(g_0) + slope (g - g_0) in the integral from any g_0 on, if slope is no
+        more than beta' there: F is at most that of linear hardening with another yield bound.
+        """
+        resistance = self.resistance.of(cell)
+        h = self.hardening[cell]
+        sizes = np.linalg.norm(s, axis=2)
+        middle = s.mean(axis=1)
+        spread = np.linalg.norm(s - middle[:, None], axis=2).max(axis=1)
+        least = np.maximum(np.linalg.norm(middle, axis=1) - spread, 0.0)
+        most = resistance.gained_at(sizes.max(axis=1), h)
+        finite = np.isfinite(most)
+        most = np.where(finite, most, 0.0)
+        fewest = np.minimum(resistance.gained_at(least, h), most)
+
+        g = (fewest + most) / 2
+        slope = resistance.slopes(fewest, most)[0]
+        modulus = h + slope
+        beta = resistance.bound(g) - slope * g
+        given = resistance.bound(g) * g - slope * g**2 / 2 - resistance.energy(g)
+        squares = square_integrals(beyond(s, beta), volume)
+        if s.shape[1] == 6:
+            squares = np.minimum(squares, excess_integrals(s, beta, volume))
+        hard = np.where(modulus > 0, modulus, 1.0)
+        linear = np.where(modulus > 0, volume * given + squares / (2 * hard), np.inf)
+
+        columns = resistance.of(np.s_[:, None])
+        at_coefficients = _potential(columns, h[:, None], sizes)
+        bound = np.minimum(linear, volume * at_coefficients.mean(axis=1))
+        bound = np.where(finite, bound, np.inf)
+        at_rule = np.linalg.norm(np.matmul(RULE[s.shape[1]], s), axis=2)
+        likely = _potential(columns, h[:, None], at_rule)
+        likely = np.where(np.isfinite(likely), likely, 0.0) @ WEIGHTS[s.shape[1]]
+        return bound, np.minimum(volume * likely, bound)
+
+
+def _potential(
+    resistance: Resistance, hardening: np.ndarray, size: np.ndarray
+) -> np.ndarray:
+    """F of sizes of s, of any shape that those of the law go with."""
+    gained = resistance.gained_at(size, hardening)
+    return flow_potential(resistance, hardening, size, gained)
+
+
+def flow_potential(
+    resistance: Resistance, modulus: np.ndarray, size: np.ndarray, gained: np.ndarray
+) -> np.ndarray:
+    """size g - modulus/2 g^2 - int_0^g beta at the g of its maximum, inf where that is."""
+    finite = np.isfinite(gained)
+    g = np.where(finite, gained, 0.0)
+    over = np.maximum(size - resistance.beta, 0.0)
+    found = over * g - modulus / 2 * g**2 - resistance.hardened(g)
+    return np.where(finite, found, np.inf)
+
+
+def least_potential(
+    resistance: Resistance, modulus: np.ndarray, s: np.ndarray, area: np.ndarray
+) -> np.ndarray:
+    """No more than int G(|s|) over triangles, G being F with this modulus in place of h.
+
+    G is convex: its mean is no less than its value at the mean of s.  Where |s| > beta everywhere
+    it is no less than that of linear hardening with the largest slope of beta, from any g_0 on.
+
+    ``s`` (n, 3, d) are vertex values of affine functions; ``area`` has shape (n,).
+    """
+    middle = s.mean(axis=1)
+    size = np.linalg.norm(middle, axis=1)
+    spread = np.linalg.norm(s - middle[:, None], axis=2).max(axis=1)
+    least = np.maximum(size - spread, 0.0)
+    g = resistance.gained_at(size, modulus)
+    at_mean = area * flow_potential(resistance, modulus, size, g)
+
+    fewest = resistance.gained_at(least, modulus)
+    most = resistance.gained_at(np.linalg.norm(s, axis=2).max(axis=1), modulus)
+    slope = resistance.slopes(fewest, most)[1]
+    usable = np.isfinite(slope) & (fewest > 0)
+    slope = np.where(usable, slope, 0.0)
+    beta = resistance.bound(g) - slope * g
+    usable &= (beta >= 0) & (beta <= least)
+    beta = np.where(usable, beta, resistance.beta)
+    given = resistance.bound(g) * g - slope * g**2 / 2 - resistance.energy(g)
+    linear = area * given + exceeding(s, beta, area) / (2 * (modulus + slope))
+    return np.where(usable, np.maximum(linear, at_mean), at_mean)

@@ -20,8 +20,10 @@ COVERS = frozenset(
         "order 2",
         "kinematic hardening",
         "isotropic hardening",
+        "hardening law",
         "initial plastic strain",
         "initial hardening",
+        "initial strain",
         "obstacle",
         "friction",
     }
@@ -83,7 +85,12 @@ def check_covered(problem: Problem) -> None:
         "initial_hardening (alpha_2)": None
         if problem.initial_hardening is None
         else back,
+        "initial_accumulated": problem.initial_accumulated,
+        "initial_strain": problem.initial_strain,
     }
+    if material.law is not None:
+        data = enumerate(material.law.data)
+        coefficients |= {f"material.law (datum {k})": value for k, value in data}
     for name, value in coefficients.items():
         affine = problem.order == 2 and name in AFFINE
         if isinstance(value, CoefficientFunction) and varies_inside(
@@ -133,6 +140,9 @@ def sampled_data(problem: Problem) -> list[str]:
         "initial_plastic_strain": problem.initial_plastic_strain,
         "initial_hardening": problem.initial_hardening,
         "initial_displacement": problem.initial_displacement,
+        "initial_accumulated": problem.initial_accumulated,
+        "initial_strain": problem.initial_strain,
+        "material.law": [] if material.law is None else material.law.data,
         "prescribed": [value for *_, value in problem.held],
     }
     return [name for name, value in given.items() if not _all_polynomials(value)]

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.conjugate import R6, Conjugate
+from ngepc.bounds.conjugate import R6, Conjugate, flow_potential, least_potential
 from ngepc.bounds.contact import ContactFacets
 from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches
 from ngepc.bounds.oscillation import CarriedLoads
-from ngepc.bounds.parts import AT_POINTS, TO_NODES, exceeding
+from ngepc.bounds.parts import AT_POINTS, SPLIT, TO_NODES, exceeding
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
@@ -25,6 +25,9 @@ from ngepc.local.system import DiscreteProblem, State
 # part of the largest nodal force that may be missing after PASSES corrections at most
 BALANCED = 1e-12
 PASSES = 2
+PARTED = (
+    2  # how often cells are split where a law of hardening is integrated from below
+)
 UNSTRAINED = np.finfo(float).eps
 """A strain that counts as none: forces that would cause it are rounding."""
 
@@ -168,18 +171,39 @@ class BoundData:
 
     def _missed(self, state: State) -> np.ndarray:
         """By how much the sum over the points may be below the integral, for each cell."""
-        law = self.conjugate
         area = self.cells.volume
         if self.each != 3:
             return np.zeros(len(area))
+        if not self.discrete.law.resistance.is_constant:
+            return self._missed_by_any_law(state)
+        law = self.conjugate
         over = np.maximum(state.at.size - self.discrete.law.beta, 0.0).reshape(-1, 3)
         summed = area * np.einsum("tq,tq->t", over, over) / 3
         least = exceeding(self.at_corners(state.at.trial), law.beta, area)
         return (summed - least) / (2 * (law.two_mu + law.hardening))
 
+    def _missed_by_any_law(self, state: State) -> np.ndarray:
+        """The same for a law of hardening.
+
+        phi lacks G(|s|), the F of ``Conjugate`` with M = 2 mu_2 + h in place of h.
+        """
+        law = self.discrete.law
+        at = state.at
+        density = flow_potential(law.resistance, law.modulus, at.size, at.gained)
+        summed = self.cells.volume * density.reshape(-1, 3).mean(axis=1)
+        cells = np.flatnonzero(at.yields.reshape(-1, 3).any(axis=1))
+        s = self.at_corners(at.trial)[cells]
+        area = self.cells.volume[cells]
+        for _ in range(PARTED):
+            s = np.matmul(SPLIT[3].reshape(-1, 3), s).reshape(-1, 3, s.shape[2])
+            area, cells = (np.repeat(v, len(SPLIT[3])) for v in (area / 4, cells))
+        M = law.modulus[:: self.each][cells]
+        found = least_potential(self.conjugate.resistance.of(cells), M, s, area)
+        return summed - np.bincount(cells, found, minlength=len(summed))
+
     def strain(self, state: State) -> np.ndarray:
         """The strain coordinates whose product with a stress is sigma : eps, as ``on_parts``."""
-        return self.on_parts(stress_coordinates(state.volume, state.deviator, 0.0))
+        return self.on_parts(strain_coordinates(state))
 
     def balanced(self, state: State, tangent: Factors, load: np.ndarray) -> np.ndarray:
         """Stresses (points, c) in equilibrium with nodal forces (nodes, N).
@@ -212,6 +236,17 @@ def factorise(state: State, tangent: Factors) -> None:
     """Take the tangent at the state unless there are factors of another one."""
     if tangent.moduli is None:
         tangent.update(state.moduli)
+
+
+def strain_coordinates(state: State) -> np.ndarray:
+    """Coordinates (nt, c) of the strain of a state, whose product with stresses is sigma : eps.
+
+    In plane stress the in-plane trace takes the place of the whole one.
+    """
+    volume = state.volume
+    if state.discrete.law.across is not None:
+        volume = 2 * volume / 3 + R6 / 3 * state.deviator[:, 1]
+    return stress_coordinates(volume, state.deviator, 0.0)
 
 
 def stress_coordinates(

@@ -47,7 +47,7 @@ class Dual:
         """The integral over each triangle for stresses at all points or one, by the rule."""
         work = np.einsum("tqc,tqc->tq", z, np.broadcast_to(self.strain, z.shape))
         weights = self.space.rule.weights if z.shape[1] > 1 else np.ones(1)
-        return self.space.area * ((self.conjugate.value(at) - work) @ weights)
+        return self.space.area * ((self.conjugate.sought(at) - work) @ weights)
 
 
 OF_MODEL = ("centre", "_values", "_gradient", "compliance", "_yields")

@@ -96,13 +96,29 @@ class Resistance:
 
     def energy(self, gained: np.ndarray) -> np.ndarray:
         """int_0^g beta for |p| = g (energy per volume), shape (points,)."""
+        return self.beta * gained + self.hardened(gained)
+
+    def hardened(self, gained: np.ndarray) -> np.ndarray:
+        """The part of ``energy`` beyond beta(0) g (energy per volume), shape (points,)."""
         if self.isotropic is None:
-            return self.beta * gained
+            return np.zeros_like(gained)
         law = self.isotropic
         before = self.accumulated
         more = PEEQ * gained
         stored = law.energy(before + more) - law.energy(before)
-        return self.beta * gained + stored - law.stress(before) * more
+        return stored - law.stress(before) * more
+
+    def slopes(
+        self, fewest: np.ndarray, most: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of beta' between two g from below and above (stress), shapes (points,)."""
+        if self.isotropic is None:
+            return np.zeros_like(fewest), np.zeros_like(fewest)
+        first = self.accumulated + PEEQ * fewest
+        last = self.accumulated + PEEQ * most
+        least, largest = self.isotropic.slopes(first, last)
+        zero = np.zeros_like(first)
+        return zero + PEEQ**2 * least, zero + PEEQ**2 * largest
 
     def gained_at(self, size: np.ndarray, modulus: np.ndarray) -> np.ndarray:
         """The g >= 0 with modulus g + beta(g) = size, 0 where size <= beta, inf for none (points,).

@@ -47,6 +47,13 @@ class HardeningLaw(Declared, ABC):
     def slope(self, x: Value) -> Value:
         """R'(x) >= 0 (stress), from the right where R has a kink."""
 
+    def slopes(self, first: Value, last: Value) -> tuple[Value, Value]:
+        """Bounds of R' on [first, last] from below and above, for guaranteed bounds.
+
+        Those that hold for every law, 0 and inf, unless a law says more: bounds get tighter.
+        """
+        return 0.0, np.inf
+
     @property
     def data(self) -> list[Coefficient]:
         """All numbers and coefficients of the law."""
@@ -93,6 +100,10 @@ class Voce(HardeningLaw):
         """See ``HardeningLaw``."""
         return self.saturation * self.rate * _exp(-self.rate * x)
 
+    def slopes(self, first: Value, last: Value) -> tuple[Value, Value]:
+        """See ``HardeningLaw``: the slope falls."""
+        return self.slope(last), self.slope(first)
+
 
 @dataclass(frozen=True, eq=False)
 class Swift(HardeningLaw):
@@ -124,6 +135,12 @@ class Swift(HardeningLaw):
     def slope(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
         return self.exponent / (self.offset + x) * self.stress(x)
+
+    def slopes(self, first: Value, last: Value) -> tuple[Value, Value]:
+        """See ``HardeningLaw``: the slope falls, or grows where the exponent exceeds one."""
+        one = self.slope(first)
+        other = self.slope(last)
+        return np.minimum(one, other), np.maximum(one, other)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +191,17 @@ class Tabulated(HardeningLaw):
     def slope(self, x: Value) -> Value:
         """See ``HardeningLaw``."""
         return 0.0 * x + sum(_from_zero(x - k, c) for k, c in self._bends)
+
+    def slopes(self, first: Value, last: Value) -> tuple[Value, Value]:
+        """See ``HardeningLaw``: those of all lines that the interval touches."""
+        least = self.slope(first)
+        most = least
+        for k in self.plastic_strain:
+            inside = (first <= k) & (k <= last)
+            here = self.slope(k + 0.0 * first)
+            least = np.where(inside, np.minimum(least, here), least)
+            most = np.where(inside, np.maximum(most, here), most)
+        return least, most
 
     @property
     def _bends(self) -> list[tuple]:
