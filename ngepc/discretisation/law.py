@@ -102,7 +102,7 @@ class Law(ABC):
         self.distortion = 0.0
         if problem.initial_strain is not None:
             self.swelling, self.distortion = self.initial_parts(problem, points)
-        self.across = None
+        self.across = kinematics.across if kinematics.thin else None
 
     @property
     def beta(self) -> np.ndarray:
@@ -171,15 +171,16 @@ class Law(ABC):
         z = np.zeros(len(volume))
         low = np.full_like(z, -np.inf)
         high = np.full_like(z, np.inf)
-        scale = np.zeros_like(z)
+        strains = np.abs(e).max(axis=1) + np.abs(self.initial).max(axis=1)
+        largest = self.bulk * np.abs(volume) + self.two_mu * strains
         for _ in range(SEARCHES):
             at = self._returned(volume + z, e + z[:, None] * self.across)
             mean, stress = self.stress(at)
             excess = mean + stress @ self.across
-            scale = np.maximum(scale, np.abs(mean) + np.abs(stress).max(axis=1))
             low = np.where(excess <= 0, z, low)
             high = np.where(excess >= 0, z, high)
-            done = np.abs(excess) <= EXACT * scale
+            terms = largest + (self.bulk + self.two_mu) * np.abs(z)
+            done = np.abs(excess) <= EXACT * (terms + np.abs(stress).max(axis=1))
             if done.all():
                 break
             moduli = self.closed_moduli(at, self.yielding_part(at))

@@ -17,6 +17,8 @@ from ngepc.model.features import require_covered
 COVERS = frozenset(
     {
         "plane strain",
+        "plane stress",
+        "thickness",
         "two-dimensional",
         "axisymmetric",
         "solid",

@@ -27,6 +27,8 @@ from ngepc.results.result import DiscreteSolution
 COVERS = frozenset(
     {
         "plane strain",
+        "plane stress",
+        "thickness",
         "two-dimensional",
         "axisymmetric",
         "solid",

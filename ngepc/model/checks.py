@@ -47,6 +47,8 @@ from ngepc.model.support import check_held, check_motions, held_directions
 SHARED_MESH_COVERS = frozenset(
     {
         "plane strain",
+        "plane stress",
+        "thickness",
         "two-dimensional",
         "axisymmetric",
         "solid",

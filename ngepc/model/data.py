@@ -63,6 +63,7 @@ class ProblemData:
     springs: Mapping[Place, Coefficient | Sequence[Coefficient]] | None = None
     initial_strain: Coefficient | None = None
     duration: float | None = None
+    thickness: float | None = None
 
     @property
     def given(self) -> dict[str, object]:

@@ -65,7 +65,7 @@ def _kinematics(name: str, problem: ProblemData) -> Found:
 def _own_kinematics(problem: ProblemData) -> Found:
     """The kinematics, if it is none of those of the package."""
     given = problem.kinematics
-    known = any(given is kinematics for kinematics in KINEMATICS)
+    known = any(given.name == k.name and given.basis is k.basis for k in KINEMATICS)
     return {} if known else {"kinematics": given.name}
 
 
@@ -159,9 +159,11 @@ _BOUNDARIES = "loads and components of displacements on boundaries"
 FEATURES = {
     "plane strain": _feature("another kinematics", _kinematics, "plane strain"),
     "two-dimensional": _feature("another kinematics", _kinematics, "two-dimensional"),
+    "plane stress": _feature("another kinematics", _kinematics, "plane stress"),
     "axisymmetric": _feature("a plane problem or a solid", _kinematics, "axisymmetric"),
     "solid": _feature("a plane problem", _kinematics, "solid"),
     "other kinematics": _feature("a kinematics of ngepc", _own_kinematics),
+    "thickness": _feature("a thickness of 1, that is None", _present, "thickness"),
     "order 2": _feature("displacements of order 1 (order=1)", _order),
     "other shapes": _feature("triangles or tetrahedra", _other_shapes),
     "curved elements": _feature("straight edges", _curved),

@@ -1,4 +1,4 @@
-"""How displacements become strains: plane strain, the paper's two dimensions, axisymmetric, solid.
+"""How displacements become strains: plane strain and stress, the paper's, axisymmetric, solid.
 
 A kinematics knows the strain eps(u) of a displacement u, the trace-free symmetric tensors that a
 plastic strain can be, and the weight of a volume integral.  Trace-free tensors are kept in
@@ -7,12 +7,16 @@ orthonormal coordinates, in place of P and M^(1/2) of (3.1): P(p) : P(q) = p . q
     name               mesh  tensors  coordinates  strain                       weight
     "plane strain"     2D    3 x 3    d = 3        eps_zz = 0, p_zz is free     1
     "two-dimensional"  2D    2 x 2    d = 2        2 x 2, the law of the paper  1
+    "plane stress"     2D    3 x 3    d = 3        eps_zz is free at each point 1
     "axisymmetric"     2D    3 x 3    d = 3        (r, z, hoop): u_r / r        2 pi r
     "solid"            3D    3 x 3    d = 5        3 x 3                        1
+
+In plane stress the law finds the eps_zz with sigma_zz = 0; a ``thickness`` multiplies the weight of
+plane strain and plane stress.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from ngsolve import (
@@ -27,6 +31,8 @@ from ngsolve import (
     Trace,
     x,
 )
+
+from ngepc.checks.arguments import require_number
 
 _R2 = math.sqrt(2.0)
 _R6 = math.sqrt(6.0)
@@ -59,6 +65,8 @@ class Kinematics:
         Whether the third direction is the circumference of a body of revolution about x = 0.
     thin
         Whether sigma_zz = 0 and the law finds eps_zz, which ``strain`` is without.
+    thickness
+        Of a plane body (length).
     """
 
     name: str
@@ -66,6 +74,7 @@ class Kinematics:
     basis: np.ndarray
     hoop: bool = False
     thin: bool = False
+    thickness: float = 1.0
 
     @property
     def across(self) -> np.ndarray:
@@ -84,8 +93,8 @@ class Kinematics:
 
     @property
     def weight(self) -> CoefficientFunction:
-        """The factor of volume and surface integrals: 2 pi r for the whole ring, otherwise 1."""
-        return 2 * math.pi * x if self.hoop else CF(1.0)
+        """The factor of volume and surface integrals: 2 pi r for a ring, a thickness, 1."""
+        return 2 * math.pi * x if self.hoop else CF(self.thickness)
 
     def strain(self, u: CoefficientFunction) -> CoefficientFunction:
         """Linearised strain eps(u), ``size`` x ``size``, of a displacement or a proxy."""
@@ -132,11 +141,13 @@ class Kinematics:
 
 
 PLANE_STRAIN = Kinematics("plane strain", 2, _SOLID[:3])
+PLANE_STRESS = Kinematics("plane stress", 2, _SOLID[:3], thin=True)
 TWO_DIMENSIONAL = Kinematics("two-dimensional", 2, _PLANE)
 AXISYMMETRIC = Kinematics("axisymmetric", 2, _SOLID[:3], hoop=True)
 SOLID = Kinematics("solid", 3, _SOLID)
 
-KINEMATICS = (PLANE_STRAIN, TWO_DIMENSIONAL, AXISYMMETRIC, SOLID)
+KINEMATICS = (PLANE_STRAIN, TWO_DIMENSIONAL, AXISYMMETRIC, SOLID, PLANE_STRESS)
+THICK = ("plane strain", "plane stress")  # kinematics of plane bodies with a thickness
 
 
 def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
@@ -154,3 +165,20 @@ def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
     if name not in legal:
         raise ValueError(needed)
     return legal[name]
+
+
+def with_thickness(kinematics: Kinematics, thickness: float | None) -> Kinematics:
+    """The kinematics of a body so thick; None for 1.
+
+    TypeError, ValueError if it is no positive number, or the kinematics has no thickness.
+    """
+    t = (
+        1.0
+        if thickness is None
+        else require_number("thickness", thickness, 0, strict=True)
+    )
+    if thickness is not None and kinematics.name not in THICK:
+        needed = " or ".join(f"kinematics={name!r}" for name in THICK)
+        given = f"thickness={thickness!r} with kinematics={kinematics.name!r}"
+        raise ValueError(f"{given}: {needed} is needed")
+    return kinematics if kinematics.thickness == t else replace(kinematics, thickness=t)

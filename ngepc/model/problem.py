@@ -14,7 +14,7 @@ from ngepc.model.data import HISTORY, DefaultOrder, ProblemData
 from ngepc.model.data import as_scalar as as_scalar
 from ngepc.model.elements import outward_normal
 from ngepc.model.features import features_of
-from ngepc.model.kinematics import TWO_DIMENSIONAL, kinematics_of
+from ngepc.model.kinematics import TWO_DIMENSIONAL, kinematics_of, with_thickness
 from ngepc.model.material import Material
 
 MADE = ("mesh", "kinematics", "order")
@@ -66,8 +66,9 @@ class Problem(ProblemData):
     initial_accumulated
         PEEQ of the steps before, >= 0 (1), where a ``HardeningLaw`` starts; None for zero.
     kinematics
-        In 2D "plane strain", "two-dimensional" (the law of the paper with 2 x 2 tensors) or
-        "axisymmetric" (x is the radius; forces are those of the whole ring); in 3D "solid".
+        In 2D "plane strain", "plane stress" (thin sheets, sigma_zz = 0), "two-dimensional" (the
+        law of the paper with 2 x 2 tensors) or "axisymmetric" (x is the radius; forces are those
+        of the whole ring); in 3D "solid".
         None for plane strain or solid.
     order
         Polynomial degree of the displacements, 1 or 2.  None for 1 with the law of the paper
@@ -88,6 +89,10 @@ class Problem(ProblemData):
         How long the time step lasts (time), > 0; ``evolve`` knows it.  It matters where the
         material has a rate; None where that is not so.
 
+    thickness
+        Of the body in plane strain or plane stress (length), > 0: forces, energies and stiffnesses
+        of springs are those of the whole thickness; None for 1.
+
     Raises
     ------
     TypeError, ValueError
@@ -96,7 +101,8 @@ class Problem(ProblemData):
 
     def __post_init__(self) -> None:
         self.processes.together(partial(check_mesh, self.mesh))
-        vars(self)["kinematics"] = kinematics_of(self.kinematics, self.mesh.dim)
+        kinematics = kinematics_of(self.kinematics, self.mesh.dim)
+        vars(self)["kinematics"] = with_thickness(kinematics, self.thickness)
         vars(self)["order"] = self._order()
         check_problem(self)
 

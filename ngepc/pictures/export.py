@@ -29,6 +29,8 @@ FIELDS = ("displacement", "plastic_strain", "equivalent_plastic_strain",
 COVERS = frozenset(
     {
         "plane strain",
+        "plane stress",
+        "thickness",
         "two-dimensional",
         "axisymmetric",
         "solid",

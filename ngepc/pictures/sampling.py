@@ -34,6 +34,8 @@ Ends = tuple[float | None, float | None]
 COVERS = frozenset(
     {
         "plane strain",
+        "plane stress",
+        "thickness",
         "two-dimensional",
         "axisymmetric",
         "solid",

@@ -21,6 +21,7 @@ from ngepc.primal.return_mapping import ReturnMapping
 COVERS = frozenset(
     {
         "plane strain",
+        "thickness",
         "two-dimensional",
         "axisymmetric",
         "solid",

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ngsolve import (
+    CF,
     CoefficientFunction,
     GridFunction,
     Id,
@@ -38,9 +39,18 @@ class Quantities:
 
     @property
     def strain(self) -> CoefficientFunction:
-        """eps(u), a tensor."""
+        """eps(u), a tensor; in plane stress with the eps_zz for which sigma_zz = 0."""
         problem = require_same_mesh(self.problem)
-        return problem.kinematics.strain(self.displacement)
+        in_plane = problem.kinematics.strain(self.displacement)
+        if not problem.kinematics.thin:
+            return in_plane
+        inelastic = problem.eps_0 + self.plastic_strain
+        elastic = in_plane - inelastic
+        trace = elastic[0, 0] + elastic[1, 1]
+        material = problem.material
+        modulus = material.lame_lambda + 2 * material.lame_mu
+        across = inelastic[2, 2] - material.lame_lambda / modulus * trace
+        return in_plane + across * CF((0.0,) * 8 + (1.0,), dims=(3, 3))
 
     @property
     def plastic_strain(self) -> CoefficientFunction:

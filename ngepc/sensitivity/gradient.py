@@ -38,6 +38,8 @@ from ngepc.sensitivity.parameters import Direction, Parameters, changed_data, di
 COVERS = frozenset(
     {
         "plane strain",
+        "plane stress",
+        "thickness",
         "two-dimensional",
         "axisymmetric",
         "solid",

@@ -53,6 +53,8 @@ ONE_MORE = {
     "initial plastic strain": {"initial_plastic_strain": CF((0,) * 9, dims=(3, 3))},
     "initial hardening": {"initial_hardening": 0.1},
     "initial strain": {"initial_strain": 1e-3},
+    "plane stress": {"kinematics": "plane stress"},
+    "thickness": {"thickness": 2.0},
     "obstacle": CONTACT,
     "two bodies": {"contact": Contact("contact", "right")},
     "held by contact": {"clamped": None, **CONTACT},
