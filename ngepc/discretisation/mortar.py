@@ -189,8 +189,11 @@ class Overlap:
 def overlap(one: Surface, two: Surface) -> Overlap:
     """The points on the overlaps of two surfaces that face each other."""
     i, j = _candidates(one, two)
-    seen = _seen(one, i, two.corners[j])
     N = one.corners.shape[-1]
+    if not len(i):
+        none = np.zeros((0, N))
+        return Overlap(i, j, none, none, np.zeros(0), none, np.zeros(0))
+    seen = _seen(one, i, two.corners[j])
     pieces = np.clip(seen, 0, 1)[:, None] if N == 2 else _fans(_clipped(seen))
     size = np.abs(np.linalg.det(pieces))
     pair, piece = np.nonzero(size > THIN)

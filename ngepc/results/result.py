@@ -7,13 +7,13 @@ from functools import cached_property
 from html import escape
 
 import numpy as np
-from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
+from ngsolve import H1, CoefficientFunction, Grad, GridFunction, Norm, VectorH1
 
 from ngepc.discretisation.body import Iterate
 from ngepc.discretisation.mortar import deepest_pair_overlap
 from ngepc.discretisation.rows import ContactRows, deepest_overlap
 from ngepc.model.data import order_note
-from ngepc.model.elements import vertex_coordinates
+from ngepc.model.elements import plastic_points, vertex_coordinates
 from ngepc.model.own import require_same_mesh
 from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
@@ -27,8 +27,9 @@ FEW_FACETS = 4
 SLIPPING = 1e-10
 """Part of the largest displacement above which a row that touches has slipped."""
 
-SMALL_STRAIN = 0.1
-"""Largest |eps(u)| at the points that small-strain kinematics is meant for."""
+SMALL_STRAIN = 0.03
+SMALL_ROTATION = 0.05
+"""Largest |eps(u)|, and rotation (rad), above which a result says what small strains neglect."""
 
 
 class Result(Quantities, Ending):
@@ -276,6 +277,19 @@ class DiscreteSolution(Result):
         values[nodes[nodes < len(values)]] = 1.0
         return sliding
 
+    @cached_property
+    def largest_rotation(self) -> float:
+        """The largest rotation at the points (rad), the norm of the vector curl(u) / 2."""
+        problem = self.problem
+        mesh = problem.mesh
+        rules = plastic_points(mesh, problem.order)
+        points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
+        slopes = np.asarray(Grad(self.displacement)(points))
+        slopes = slopes.reshape(-1, problem.N, problem.N)
+        skew = (slopes - slopes.swapaxes(1, 2)) / 2
+        size = np.sqrt((skew**2).sum(axis=(1, 2)) / 2)
+        return problem.processes.maximum(size)
+
     @property
     def contact_area(self) -> float:
         """Area that belongs to the rows with a contact force."""
@@ -331,9 +345,19 @@ class DiscreteSolution(Result):
             )
         if note := order_note(self.problem):
             found.append(note)
-        if self.largest_strain > SMALL_STRAIN:
-            found.append(
-                f"Strains reach {self.largest_strain:.2g}: small-strain kinematics is meant for "
-                f"less than {SMALL_STRAIN:g}."
-            )
+        strain = self.largest_strain
+        rotation = self.largest_rotation
+        if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
+            found.append(large_motion(strain, rotation))
         return found
+
+
+def large_motion(strain: float, rotation: float) -> str:
+    """What linearised strains neglect at the largest strain and rotation (rad) of a body."""
+    spurious = rotation**2 / 2
+    return (
+        f"Strains reach {100 * strain:.2g} percent and rotations {rotation:.2g} rad, and are "
+        "taken as small. Lengths and areas of the undeformed body are wrong by the strain; the "
+        f"rotation is taken for a strain of {100 * spurious:.2g} percent that is not there: "
+        "elongations, stresses and forces may be off by as much."
+    )

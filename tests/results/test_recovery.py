@@ -165,7 +165,9 @@ def test_contact_resultant_is_the_sum_of_the_row_forces(results):
     for case in CASES:
         result = results[case, "dual"]
         rows = result.discrete.rows
-        total = -(result.nodal_contact_forces[:, None] * rows.normals).sum(axis=0)
+        nv, N = result.problem.mesh.nv, result.problem.N
+        forces = rows.normal.T @ result.nodal_contact_forces
+        total = -forces.reshape(-1, N)[:nv].sum(axis=0)
         assert result.contact_resultant == pytest.approx(total, rel=1e-12, abs=1e-14)
 
 
@@ -268,6 +270,31 @@ def test_displacements_of_order_one_are_named_unless_the_law_is_the_paper_s():
     assert note in semismooth_newton(replace(problem, order=1)).message
     flat = replace(problem, kinematics="two-dimensional")
     assert semismooth_newton(flat).message == ""
+
+
+@pytest.mark.parametrize(
+    ("gradient", "strain", "rotation"),
+    [
+        (((0.0, -0.06), (0.06, 0.0)), 0.0, 0.06),
+        (((0.04, 0.0), (0.0, 0.0)), 0.04, 0.0),
+        (((0.02, -0.04), (0.04, 0.0)), 0.02, 0.04),
+    ],
+)
+def test_large_strains_and_rotations_are_said_with_what_is_off(
+    gradient, strain, rotation
+):
+    """An affine motion of the whole boundary: strain and rotation are known."""
+    mesh = block.structured_mesh(2, 2)
+    (a, b), (c, d) = gradient
+    motion = (a * x + b * y, c * x + d * y)
+    held = dict.fromkeys(("left", "clamped", "right", "contact"), motion)
+    result = semismooth_newton(Problem(mesh, STEEL, None, prescribed=held))
+    assert result.largest_strain == pytest.approx(strain, abs=1e-9)
+    assert result.largest_rotation == pytest.approx(rotation, abs=1e-9)
+    said = "taken as small" in result.message
+    assert said == (strain > 0.03 or rotation > 0.05)
+    if rotation > 0.05:
+        assert "a strain of 0.18 percent that is not there" in result.message
 
 
 def test_gamma_takes_order_one_where_no_order_is_given_and_says_so():
