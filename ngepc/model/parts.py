@@ -7,8 +7,10 @@ and no process ever has the fine mesh.
 
 from __future__ import annotations
 
+import sys
 from functools import partial
 from itertools import combinations
+from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -37,6 +39,23 @@ INSTALL = (
 )
 
 Regions = list[tuple[int, str, np.ndarray]]
+
+
+def end_all_processes(
+    kind: type[BaseException], error: BaseException, traceback: TracebackType | None
+) -> None:
+    """Print an exception that nothing caught, and end the other processes with this one.
+
+    They would wait for it: at the end of Python petsc4py finalises PETSc together with all
+    processes, before mpi4py, which knows that one has failed, comes to end them.
+    """
+    sys.__excepthook__(kind, error, traceback)
+    sys.stderr.flush()
+    MPI.COMM_WORLD.Abort(1)
+
+
+if MPI is not None and MPI.COMM_WORLD.size > 1:
+    sys.excepthook = end_all_processes
 
 
 def _halved(corners: np.ndarray, edges: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.results.files import replace_contents
 
 RC = rc_params_from_file(
     Path(__file__).with_name("ngepc.mplstyle"), use_default_template=False
@@ -77,8 +78,9 @@ def line_style(index: int, count: int) -> dict:
 @styled
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a figure as its ending says (png, pdf, svg), making its folder; returns the path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    stream = io.BytesIO()
+    figure.savefig(stream, format=path.suffix[1:] or None)
+    replace_contents(path, stream.getvalue())
     return path
 
 

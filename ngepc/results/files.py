@@ -67,10 +67,14 @@ def replace_contents(path: Path, content: bytes) -> None:
 
     Devices and pipes are written directly.
 
-    OSError if the disk is full or the folder cannot be written; the old file is then as it was.
+    OSError, with the name of the file, if the disk is full or the folder cannot be written; the old
+    file is then as it was.
     """
     if is_special(path):
-        path.write_bytes(content)
+        try:
+            path.write_bytes(content)
+        except OSError as error:
+            raise _named(error, str(path)) from error
         return
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -84,8 +88,8 @@ def replace_contents(path: Path, content: bytes) -> None:
             os.fsync(stream.fileno())
         Path(name).chmod(0o644)
         Path(name).replace(path)
-    except (
-        BaseException
-    ):  # after Ctrl-C too the unfinished file goes; what was raised goes on
+    except BaseException as error:  # after Ctrl-C too the unfinished file goes
         Path(name).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise _named(error, str(path)) from error
         raise

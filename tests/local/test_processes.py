@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -24,15 +25,15 @@ pytestmark = pytest.mark.skipif(
 BODIES = ("block", "fine block", "springs", "Tresca", "Coulomb", "lshape")
 
 
-def output_of(count, *program, folder=None):
-    """What several processes print."""
+def finished(count, *program, folder=None):
+    """What several processes leave."""
     mine = ("OMPI_", "PMIX_")  # what an MPI of the tests' own process has left
     clean = {
         name: value for name, value in os.environ.items() if not name.startswith(mine)
     }
     clean["OMPI_MCA_mpi_yield_when_idle"] = "1"  # who waits leaves the core to others
     start = ["mpiexec", "--allow-run-as-root", "--oversubscribe", "-n", str(count)]
-    done = subprocess.run(
+    return subprocess.run(
         [*start, sys.executable, "-m", "mpi4py", *program],
         **dict(
             capture_output=True,
@@ -43,8 +44,47 @@ def output_of(count, *program, folder=None):
             cwd=folder,
         ),
     )
+
+
+def output_of(count, *program, folder=None):
+    """What several processes print."""
+    done = finished(count, *program, folder=folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+RAISES = """
+import sys, time
+from mpi4py import MPI
+from ngepc import Material, NewtonOptions, PETSc, Problem, parts, semismooth_newton
+from ngepc.geometries import block
+
+comm = MPI.COMM_WORLD
+whole = block.structured_mesh(4, 4, 4, simplices=True) if comm.rank == 0 else None
+metal = dict(lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0)
+pressed = dict(contact="contact", gap=-0.03, order=1)
+problem = Problem(parts.distribute(whole), Material.kinematic(**metal), **pressed)
+
+def monitor(record):
+    if comm.rank == comm.size - 1 and record.iteration == 1:
+        print("raised at", time.time(), flush=True)
+        raise RuntimeError("one of several processes")
+
+semismooth_newton(problem, options=NewtonOptions(inverse=PETSc()), monitor=monitor)
+"""
+
+
+@pytest.mark.parametrize("count", [2, 3, 7])
+def test_one_process_that_raises_ends_all_with_its_traceback(count, tmp_path):
+    """The others wait for it in a sum; PETSc's end would wait for them."""
+    script = tmp_path / "raises.py"
+    script.write_text(RAISES)
+    done = finished(count, script)
+    took = time.time() - float(re.search(r"raised at (\S+)", done.stdout).group(1))
+    assert done.returncode != 0
+    assert "RuntimeError: one of several processes" in done.stderr
+    assert "in monitor" in done.stderr
+    assert took < 30
 
 
 @pytest.fixture(scope="module")
