@@ -58,6 +58,8 @@ SLOW = (
     "physics/test_verification.py",
     "pictures",
     "sensitivity",
+    "results/test_files.py",
+    "results/test_pickling.py",
     "site",
     "studies",
 )

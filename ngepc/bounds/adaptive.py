@@ -118,6 +118,10 @@ class BoundedResult:
         return f"<BoundedResult: {found}, {meshes}>"
 
 
+SMALLEST_ERROR = 1e-12
+"""A smaller relative error of the energy is within rounding."""
+
+
 def solve_to(
     problem: Problem,
     relative_error: float = 0.01,
@@ -131,7 +135,7 @@ def solve_to(
     problem
         The data; its mesh is where refinement starts, and stays as it is.
     relative_error
-        Bound for ``ErrorBound.relative``, > 0.
+        Bound for ``ErrorBound.relative``, >= 1e-12, what rounding leaves, and < 1.
     options
         Marking and limits.
     monitor
@@ -143,7 +147,7 @@ def solve_to(
         For arguments that are not legal, and problems that no bound covers.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    require_number("relative_error", relative_error, 0, strict=True)
+    require_number("relative_error", relative_error, SMALLEST_ERROR, below=1)
     require_function("monitor", monitor, "a record", optional=True)
     options = Refinement() if options is None else options
     require_instance("options", options, Refinement, "Refinement(...)")

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from ngsolve import Mesh
+from ngsolve import CoefficientFunction, Mesh
 
 T = TypeVar("T")
 
@@ -47,7 +47,8 @@ def require_function(
     name: str, value: object, of: str, *, optional: bool = False
 ) -> None:
     """Accept a function ``of`` what is said, or None if it is ``optional``."""
-    if not callable(value) and not (optional and value is None):
+    wrong = not callable(value) or isinstance(value, CoefficientFunction)
+    if wrong and not (optional and value is None):
         raise TypeError(f"{name}={value!r}: a function of {of} is needed")
 
 

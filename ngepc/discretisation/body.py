@@ -68,6 +68,11 @@ class DiscreteBody:
             problem, self.supports.space
         )  # nodal forces, (nodes, N)
 
+    def __getstate__(self) -> dict:
+        """All but what has matrices of NGSolve, for tangents: it is made again."""
+        left_out = ("stiffness", "elastic")
+        return {name: part for name, part in vars(self).items() if name not in left_out}
+
     @cached_property
     def row_stiffness(self) -> np.ndarray:
         """Elastic stiffness of each row of ``contact`` (force per length)."""

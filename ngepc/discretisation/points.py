@@ -192,6 +192,15 @@ class Points:
         self.weights = np.abs(np.linalg.det(jacobians)) * self.at(kinematics.weight)
         self.blocks = list(self._blocks(np.linalg.inv(jacobians), mean_volume))
 
+    def __getstate__(self) -> dict:
+        """All but the mapped points, which know where in memory their mesh is."""
+        return {name: part for name, part in vars(self).items() if name != "_mapped"}
+
+    def __setstate__(self, state: dict) -> None:
+        vars(self).update(state)
+        whole = self.mesh.Materials(".*")
+        self._mapped = self.mesh.MapToAllElements(self.rules, whole)
+
     def __len__(self) -> int:
         return len(self.weights)
 

@@ -72,6 +72,7 @@ class LinearBlocks:
         self.problem = problem
         self.note = order_note(problem, ", as the regularised method needs them")
         self.choice = choice
+        self.inverse = inverse
         fixed = choice.tichonov.fixed
         self.residual_unit = choice.units.length ** (problem.N / 2 + 1)
         self.contact = problem.mesh.Boundaries("|".join(problem.contact_names))
@@ -82,6 +83,10 @@ class LinearBlocks:
         self._assemble_dual(inverse)
         self._assemble_saddle(inverse)
         self._assemble_primal()
+
+    def __reduce__(self) -> tuple:
+        """NGSolve's matrices are not pickled: they are assembled again."""
+        return LinearBlocks, (self.problem, self.choice, self.inverse)
 
     def _assemble_dual(self, inverse: str) -> None:
         y = self.Y.TrialFunction()

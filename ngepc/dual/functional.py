@@ -61,6 +61,7 @@ class DualFunctional:
         gamma_tichonov: float | None = None,
     ) -> None:
         self.blocks = blocks
+        self.points = points
         fixed = blocks.choice
         self.regularisation = Coupled(
             gamma,
@@ -76,6 +77,11 @@ class DualFunctional:
         (dz, dq), (w, r) = blocks.H.TnT()
         parts = self._add_contact(z, dz, w, points), self._add_plastic(q, dq, r, points)
         self.penalties, self.active = zip(*parts, strict=True)
+
+    def __reduce__(self) -> tuple:
+        """NGSolve's forms are not pickled: they are made again."""
+        gammas = self.regularisation.gamma, self.regularisation.gamma_tichonov
+        return DualFunctional, (self.blocks, self.points, *gammas)
 
     def _add_contact(self, z: CF, dz: CF, w: CF, points: int) -> tuple[CF, CF]:
         """M^1 and its derivatives; the integrals of the energy and of contact, z < 0."""

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc.bounds.adaptive import Refinement, next_mesh
+from ngepc.bounds.adaptive import SMALLEST_ERROR, Refinement, next_mesh
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.goals import COVERS
 from ngepc.bounds.transfer import check_carried, on_mesh
@@ -139,7 +139,7 @@ def evolve(
     cuts = require_integer("cuts", cuts, 0, 30)
     cuts = cuts if schedule.divisible else 0
     if error is not None:
-        require_number("error", error, 0, strict=True)
+        require_number("error", error, SMALLEST_ERROR, below=1)
         if path is not None:
             raise ValueError(
                 f"checkpoint={checkpoint!r} with error={error:g}: leave one out"

@@ -76,6 +76,12 @@ class Kinematics:
     thin: bool = False
     thickness: float = 1.0
 
+    def __reduce__(self) -> tuple:
+        """Those of the package are known by name, also after pickling and copying."""
+        if any(self is known for known in KINEMATICS):
+            return kinematics_of, (self.name, self.N)
+        return Kinematics, (self.name, self.N, self.basis, self.hoop, self.thin)
+
     @property
     def across(self) -> np.ndarray:
         """Coordinates of the deviator of a unit strain eps_zz, shape (d,)."""

@@ -7,6 +7,7 @@ from functools import partial
 
 from ngsolve import Mesh
 
+from ngepc.checks import pickling as pickling  # registers what NGSolve lacks
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_mesh
 from ngepc.model.checks import check_mesh, check_problem
@@ -100,6 +101,7 @@ class Problem(ProblemData):
     """
 
     def __post_init__(self) -> None:
+        require_mesh("mesh", self.mesh)
         self.processes.together(partial(check_mesh, self.mesh))
         kinematics = kinematics_of(self.kinematics, self.mesh.dim)
         vars(self)["kinematics"] = with_thickness(kinematics, self.thickness)

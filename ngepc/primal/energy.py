@@ -72,6 +72,10 @@ class ReducedEnergy(DiscreteBody):
         given = problem.mesh, problem.order, self.free
         self._tangent = SymbolicStiffness(*given, self._power, self.at)
 
+    def __reduce__(self) -> tuple:
+        """NGSolve's forms are not pickled: they are made again."""
+        return ReducedEnergy, (self.problem,)
+
     def _power(self, u: ProxyFunction, v: ProxyFunction) -> SumOfIntegrals:
         return self._integral(self.mapping.tangent(u, v))
 
