@@ -61,6 +61,8 @@ from ngepc.model.problem import Problem as Problem
 from ngepc.model.problem import lshape_problem as lshape_problem
 from ngepc.model.problem import wrench_problem as wrench_problem
 from ngepc.model.tensile import lame_parameters as lame_parameters
+from ngepc.model.viscosity import Norton as Norton
+from ngepc.model.viscosity import RateLaw as RateLaw
 from ngepc.pictures.curves import plot_curve as plot_curve
 from ngepc.pictures.curves import plot_history as plot_history
 from ngepc.pictures.export import export_vtu as export_vtu

@@ -6,7 +6,17 @@ from bodies import STEEL, pressed_body
 from netgen.occ import Compound, MoveTo, OCCGeometry, Rectangle, X, Y
 from ngsolve import CF, Mesh
 
-from ngepc import Contact, Coulomb, Kinematics, Material, Point, Problem, Roller, Voce
+from ngepc import (
+    Contact,
+    Coulomb,
+    Kinematics,
+    Material,
+    Norton,
+    Point,
+    Problem,
+    Roller,
+    Voce,
+)
 from ngepc.geometries import block
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.processes import Team
@@ -20,6 +30,7 @@ LAW = Material.with_law(
     lame_lambda=1e3, lame_mu=1e3, law=Voce(1.5, 0.5, 100.0), hardening=50.0
 )
 MIXED = replace(STEEL, hardening_modulus=0.1, hardening_stiffness=1e3)
+VISCOUS = replace(STEEL, rate=Norton(1.0, 3.0))
 STRETCHED = CF((1e-3, 0, 0, 0, -1e-3, 0, 0, 0, 0), dims=(3, 3))
 OWN = Kinematics("my own", 2, KINEMATICS[0].basis)
 CONTACT = {"contact": "contact", "gap": 3e-4}
@@ -36,6 +47,7 @@ CHANGES = {
     "kinematic hardening": {},
     "isotropic hardening": {"material": MIXED},
     "hardening law": {"material": LAW},
+    "rate": {"material": VISCOUS, "duration": 0.1},
     "initial plastic strain": {"initial_plastic_strain": STRETCHED},
     "initial hardening": {"material": MIXED, "initial_hardening": 0.5},
     "initial strain": {"initial_strain": 5e-4},

@@ -91,7 +91,9 @@ class Law(ABC):
         law = None if material.law is None else material.law.at(points.at)
         beta = points.at(problem.beta)
         accumulated = points.at(problem.initial_accumulated or 0.0)
-        self.resistance = Resistance(beta, law, accumulated)
+        rate = None if problem.rate is None else problem.rate.at(points.at)
+        duration = problem.duration
+        self.resistance = Resistance(beta, law, accumulated, rate, duration)
         self.back = self.initial = np.broadcast_to(0.0, (len(points), kinematics.d))
         back_stress = split_hardening(problem.initial_hardening)[1]
         if back_stress is not None:

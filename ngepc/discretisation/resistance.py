@@ -2,9 +2,9 @@
 
 A step that gains the plastic strain p costs int_0^g beta(t) dt with g = |p|, a convex function of
 g, since beta never falls.  Everything that depends on the amount of plastic strain alone belongs
-here: the yield stress, what isotropic hardening has added to it before the step, and what the law
-of hardening adds within it.  Linear kinematic hardening does not: it is the modulus h of
-``discretisation.law``.
+here: the yield stress, what isotropic hardening has added to it before the step, what the law
+of hardening adds within it, and the overstress at the rate g / duration.  Linear kinematic
+hardening does not: it is the modulus h of ``discretisation.law``.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from ngepc.model.hardening import HardeningLaw
 from ngepc.model.material import PEEQ
+from ngepc.model.viscosity import RateLaw
 
 ENDLESS = 1e6  # |p| beyond which no |p| is looked for where nothing bounds it
 
@@ -37,16 +38,22 @@ class Resistance:
         The law of hardening with its data at the points; None for a bound that stays.
     accumulated
         PEEQ at the begin of the step (1).
+    rate
+        The law of the rate with its data at the points; None without.
+    duration
+        The length of the time step (time), for the rate.
     """
 
     beta: np.ndarray
     isotropic: HardeningLaw | None
     accumulated: np.ndarray
+    rate: RateLaw | None = None
+    duration: float | None = None
 
     @property
     def is_constant(self) -> bool:
         """Whether beta(g) = beta(0)."""
-        return self.isotropic is None
+        return self.isotropic is None and self.rate is None
 
     def of(self, points: np.ndarray | slice) -> Resistance:
         """The same at some of the points."""
@@ -54,8 +61,13 @@ class Resistance:
         def there(value: float | np.ndarray) -> float | np.ndarray:
             return value[points] if np.ndim(value) else value
 
-        isotropic = None if self.isotropic is None else self.isotropic.at(there)
-        return Resistance(self.beta[points], isotropic, self.accumulated[points])
+        return replace(
+            self,
+            beta=self.beta[points],
+            isotropic=None if self.isotropic is None else self.isotropic.at(there),
+            accumulated=self.accumulated[points],
+            rate=None if self.rate is None else self.rate.at(there),
+        )
 
     def with_law(self, isotropic: HardeningLaw | None) -> Resistance:
         """The same with other data of the law, beta(0) kept."""
@@ -63,17 +75,25 @@ class Resistance:
 
     def bound(self, gained: np.ndarray) -> np.ndarray:
         """beta(g) for |p| = g (stress), shape (points,)."""
-        if self.isotropic is None:
-            return self.beta
-        before = self.isotropic.stress(self.accumulated)
-        after = self.isotropic.stress(self.accumulated + PEEQ * gained)
-        return self.beta + PEEQ * (after - before)
+        bound = self.beta
+        if self.isotropic is not None:
+            before = self.isotropic.stress(self.accumulated)
+            after = self.isotropic.stress(self.accumulated + PEEQ * gained)
+            bound = bound + PEEQ * (after - before)
+        if self.rate is not None:
+            bound = bound + PEEQ * self.rate.stress(PEEQ * gained / self.duration)
+        return bound
 
     def slope(self, gained: np.ndarray) -> np.ndarray:
         """beta'(g) >= 0 (stress), shape (points,)."""
-        if self.isotropic is None:
-            return np.zeros_like(gained)
-        return PEEQ**2 * self.isotropic.slope(self.accumulated + PEEQ * gained)
+        slope = np.zeros_like(gained)
+        if self.isotropic is not None:
+            x = self.accumulated + PEEQ * gained
+            slope = slope + PEEQ**2 * self.isotropic.slope(x)
+        if self.rate is not None:
+            by_rate = self.rate.slope(PEEQ * gained / self.duration)
+            slope = slope + PEEQ**2 / self.duration * by_rate
+        return slope
 
     @property
     def growth(self) -> np.ndarray:
@@ -100,13 +120,16 @@ class Resistance:
 
     def hardened(self, gained: np.ndarray) -> np.ndarray:
         """The part of ``energy`` beyond beta(0) g (energy per volume), shape (points,)."""
-        if self.isotropic is None:
-            return np.zeros_like(gained)
-        law = self.isotropic
-        before = self.accumulated
+        energy = np.zeros_like(gained)
         more = PEEQ * gained
-        stored = law.energy(before + more) - law.energy(before)
-        return stored - law.stress(before) * more
+        law = self.isotropic
+        if law is not None:
+            before = self.accumulated
+            stored = law.energy(before + more) - law.energy(before)
+            energy = energy + stored - law.stress(before) * more
+        if self.rate is not None:
+            energy = energy + self.duration * self.rate.energy(more / self.duration)
+        return energy
 
     def slopes(
         self, fewest: np.ndarray, most: np.ndarray

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.optimize import root
 
-from ngepc.checks.arguments import require_integer
+from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.law import law_of
 from ngepc.evolution.load_path import numbers_in
@@ -75,6 +75,7 @@ def material_point(
     strain: Path | None = None,
     stress: Path | None = None,
     steps: int = 1,
+    duration: float | None = None,
 ) -> PointHistory:
     """Drive a point in three dimensions along straight lines from zero through given corners.
 
@@ -89,6 +90,8 @@ def material_point(
         tensor components.  What is in neither has no stress.
     steps
         Increments from one corner to the next, implicit Euler steps of first order.
+    duration
+        Time from one corner to the next, for a material with a rate.
 
     Raises
     ------
@@ -117,7 +120,9 @@ def material_point(
     path = [
         np.append(0.0, np.ones(count) * given.get(name, (0.0,))) for name in COMPONENTS
     ]
-    point = _Point(material)
+    if duration is not None:
+        duration = require_number("duration", duration, 0, strict=True) / steps
+    point = _Point(material, duration)
     e = np.zeros(6)
     found = []
     for target in np.array([np.interp(times, corners, values) for values in path]).T:
@@ -139,11 +144,12 @@ class _Point:
 
     kinematics = SOLID
 
-    def __init__(self, material: Material) -> None:
+    def __init__(self, material: Material, duration: float | None) -> None:
         mesh = block.structured_mesh(1, 1, 1)
         self._middle = mesh(0.5, 0.5, 0.5)
         self.material = material
-        self.law = law_of(ProblemData(mesh, material, kinematics=SOLID), self)
+        data = ProblemData(mesh, material, kinematics=SOLID, duration=duration)
+        self.law = law_of(data, self)
         names = ("plastic_strain", "back_stress")
         zero = np.zeros((1, SOLID.d))
         arrays = dict.fromkeys(names, zero) | {"hardening_variable": zero[:, 0]}

@@ -43,6 +43,7 @@ from ngepc.model.kinematics import TWO_DIMENSIONAL
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, Place, Roller, places, values_at, vertices_at
 from ngepc.model.support import check_held, check_motions, held_directions
+from ngepc.model.viscosity import check_rate
 
 SHARED_MESH_COVERS = frozenset(
     {
@@ -59,6 +60,7 @@ SHARED_MESH_COVERS = frozenset(
         "kinematic hardening",
         "isotropic hardening",
         "hardening law",
+        "rate",
         "initial plastic strain",
         "initial hardening",
         "initial strain",
@@ -187,6 +189,8 @@ def check_material(problem: ProblemData) -> None:
         )
     if material.law is not None:
         check_law(material.law, mesh)
+    if material.rate is not None:
+        check_rate(material.rate, mesh)
     name = "the hardening h = k + (H sigma_y)^2 k_1"
     h = require_in(name, sample(material.effective_hardening, mesh), "the body").min()
     if h <= 0 and material.law is None:

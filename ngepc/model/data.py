@@ -18,6 +18,7 @@ from ngepc.model.kinematics import TWO_DIMENSIONAL, Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Contact, Coulomb, Place, Roller, places
 from ngepc.model.processes import Team, processes_of
+from ngepc.model.viscosity import RateLaw
 
 Vector = CoefficientFunction | Sequence[Coefficient]
 """A vector-valued CoefficientFunction, or a sequence of N numbers and scalar coefficients."""
@@ -237,6 +238,17 @@ class ProblemData:
     def accumulated_0(self) -> CoefficientFunction:
         """PEEQ at the begin of the step, scalar."""
         return as_scalar(self.initial_accumulated or 0.0)
+
+    @property
+    def rate(self) -> RateLaw | None:
+        """The law of the rate; ValueError if there is one, and no length of the time step."""
+        law = self.material.rate
+        if law is not None and self.duration is None:
+            needed = (
+                "duration= is needed, the length of the time step (evolve knows it)"
+            )
+            raise ValueError(f"material.rate={law!r} without a time step: {needed}")
+        return law
 
     @property
     def effective_hardening(self) -> CoefficientFunction:

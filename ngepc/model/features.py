@@ -175,6 +175,7 @@ FEATURES = {
         "kinematic hardening alone", _in_material, "hardening_modulus"
     ),
     "hardening law": _feature("linear hardening, without a law", _in_material, "law"),
+    "rate": _feature("a material without a rate", _in_material, "rate"),
     "initial plastic strain": _feature(
         "a body without a history", _present, "initial_plastic_strain"
     ),

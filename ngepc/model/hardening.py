@@ -31,21 +31,20 @@ STRAINS = np.concatenate([[0.0], np.geomspace(1e-6, 10.0, 71)])
 """Values of PEEQ at which laws are looked at."""
 
 
-@dataclass(frozen=True, eq=False)
-class HardeningLaw(Declared, ABC):
-    """A potential; one's own law is a frozen dataclass with numbers or coefficients as fields."""
+class Potential(Declared, ABC):
+    """A convex function of one number x >= 0, with numbers or coefficients as its data."""
 
     @abstractmethod
     def energy(self, x: Value) -> Value:
-        """E(x) = int_0^x R (energy per volume), convex."""
+        """The integral of ``stress`` from 0 to x, convex."""
 
     @abstractmethod
     def stress(self, x: Value) -> Value:
-        """R(x) = E'(x) > 0 (stress), which never falls."""
+        """The derivative of ``energy`` (stress), which never falls."""
 
     @abstractmethod
     def slope(self, x: Value) -> Value:
-        """R'(x) >= 0 (stress), from the right where R has a kink."""
+        """The derivative of ``stress``, from the right where that has a kink."""
 
     def slopes(self, first: Value, last: Value) -> tuple[Value, Value]:
         """Bounds of R' on [first, last] from below and above, for guaranteed bounds.
@@ -60,13 +59,21 @@ class HardeningLaw(Declared, ABC):
         several = (v if isinstance(v, tuple) else (v,) for v in vars(self).values())
         return [one for values in several for one in values]
 
-    def at(self, values: Callable[[Coefficient], np.ndarray]) -> HardeningLaw:
+    def at(self, values: Callable[[Coefficient], np.ndarray]) -> Potential:
         """The law with the values of its data at some points."""
         other = copy(self)
         for name, given in vars(self).items():
             several = isinstance(given, tuple)
             vars(other)[name] = tuple(map(values, given)) if several else values(given)
         return other
+
+
+@dataclass(frozen=True, eq=False)
+class HardeningLaw(Potential):
+    """A potential; one's own law is a frozen dataclass with numbers or coefficients as fields.
+
+    ``energy`` is E(x) = int_0^x R (energy per volume), ``stress`` R(x) > 0, ``slope`` R'(x) >= 0.
+    """
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,9 @@ from ngepc.checks.kinds import require_instance
 from ngepc.model.hardening import HardeningLaw
 from ngepc.model.tensile import PEEQ as PEEQ
 from ngepc.model.tensile import kinematic_share_of, lame_parameters, plastic_data
+from ngepc.model.viscosity import RateLaw
 
+RATE = {"kind": RateLaw, "needed": "a RateLaw such as Norton(...)"}
 LAW = {"kind": HardeningLaw, "needed": "a HardeningLaw such as Voce(...)"}
 
 
@@ -59,6 +61,9 @@ class Material(Declared):
         Isotropic data H >= 0 (1) and k_1 >= 0 (stress): h gains (H sigma_y)^2 k_1.
     law
         Isotropic hardening beyond that, by what its flow stress gains; None for none.
+    rate
+        Overstress by the rate of plastic strain, such as ``Norton(...)``; None for none.  Time
+        steps then need a length, ``Problem.duration``.
 
     Raises
     ------
@@ -73,6 +78,7 @@ class Material(Declared):
     hardening_modulus: NotNegativeDatum = 0.0
     hardening_stiffness: NotNegativeDatum = 0.0
     law: Annotated[HardeningLaw, Check(require_instance, **LAW)] | None = None
+    rate: Annotated[RateLaw, Check(require_instance, **RATE)] | None = None
 
     @classmethod
     def metal(
@@ -86,6 +92,7 @@ class Material(Declared):
         curve: Sequence[tuple[float, float]] | None = None,
         kind: str = "isotropic",
         kinematic_share: float | None = None,
+        rate: RateLaw | None = None,
     ) -> Material:
         """A metal by the numbers of a tensile test, as on a data sheet.
 
@@ -107,6 +114,8 @@ class Material(Declared):
             (Bauschinger's effect); "mixed".  A curve is isotropic.
         kinematic_share
             The part of the hardening that is kinematic if it is mixed, in (0, 1).
+        rate
+            Overstress by the rate of plastic strain, such as ``Norton(...)``; None for none.
 
         Returns
         -------
@@ -126,14 +135,14 @@ class Material(Declared):
         lame_lambda, lame_mu = lame_parameters(young, poisson)
         share = kinematic_share_of(kind, kinematic_share)
         data = plastic_data(young, yield_stress, ways, share)
-        metal = cls(lame_lambda=lame_lambda, lame_mu=lame_mu, **data)
+        metal = cls(lame_lambda=lame_lambda, lame_mu=lame_mu, rate=rate, **data)
         given = {
             "young": young,
             "poisson": poisson,
             "yield_stress": yield_stress,
             **ways,
         }
-        given |= {"kind": kind, "kinematic_share": kinematic_share}
+        given |= {"kind": kind, "kinematic_share": kinematic_share, "rate": rate}
         told = [(name, value) for name, value in given.items() if value is not None]
         vars(metal)["given"] = tuple(told)
         return metal

@@ -32,6 +32,7 @@ COVERS = frozenset(
         "kinematic hardening",
         "isotropic hardening",
         "hardening law",
+        "rate",
         "initial plastic strain",
         "initial hardening",
         "initial strain",

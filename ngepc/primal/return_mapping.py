@@ -37,6 +37,10 @@ A load step starts with |s| = beta wherever the last one has yielded, up to roun
 count as elastic: unloading then needs one Newton step.
 """
 
+MOST_STEPS = 200  # of Newton's method at a point: with a power law of the rate it begins far away
+NOTHING = (
+    1e-200  # overstress in place of zero, where powers have no derivative for NGSolve
+)
 SOLVED = 1e-15
 """Part of the stress to which the equation of a law of hardening is solved."""
 
@@ -107,28 +111,51 @@ class ReturnMapping:
         x = self._own(problem.initial_accumulated or 0.0)
         self._solution = None
         self._softest = 0.0
-        if law is None:
+        rate = problem.rate
+        if law is None and rate is None:
             g = self._gained = (self._length - beta) / M
             self.bound = beta
             self._slope = CF(0.0)
             self.hardening_energy = beta * g
             return
-        law = law.at(self._own)
+        law = None if law is None else law.at(self._own)
+        rate = None if rate is None else rate.at(self._own)
+        dt = problem.duration
 
-        def bound(g: CoefficientFunction) -> CoefficientFunction:
-            """beta(g) (stress)."""
+        def hardened(g: CoefficientFunction) -> CoefficientFunction:
+            """beta(g) without the rate (stress)."""
+            if law is None:
+                return beta
             return beta + PEEQ * (law.stress(x + PEEQ * g) - law.stress(x))
 
-        g = L2(problem.mesh, order=0).TrialFunction()
-        equation = (M * g + bound(g)) / self._length - 1
-        self._solution = NewtonCF(equation, CF(0.0), tol=SOLVED, maxiter=50)
+        def gained(value: CoefficientFunction) -> CoefficientFunction:
+            """g for a value of the unknown: g itself, with a rate the overstress of a bar."""
+            if rate is None:
+                return value
+            return dt / PEEQ * rate.rate(IfPos(value - NOTHING, value, NOTHING))
+
+        def bound(value: CoefficientFunction) -> CoefficientFunction:
+            """beta(g) for a value of the unknown (stress)."""
+            g = gained(value)
+            return hardened(g) if rate is None else hardened(g) + PEEQ * value
+
+        unknown = L2(problem.mesh, order=0).TrialFunction()
+        equation = (M * gained(unknown) + bound(unknown)) / self._length - 1
+        self._solution = NewtonCF(equation, CF(0.0), tol=SOLVED, maxiter=MOST_STEPS)
         self._softest = SOFTEST
-        g = self._gained = self._functions.function(self._points.at(self._solution))
-        self.bound = bound(g)
+        self._found = self._functions.function(self._points.at(self._solution))
+        g = self._gained = gained(self._found)
+        self.bound = bound(self._found)
         more = PEEQ * g
-        self._slope = PEEQ**2 * law.slope(x + more)
-        stored = law.energy(x + more) - law.energy(x) - law.stress(x) * more
-        self.hardening_energy = beta * g + stored
+        self._slope = CF(0.0)
+        self.hardening_energy = beta * g
+        if law is not None:
+            self._slope += PEEQ**2 * law.slope(x + more)
+            stored = law.energy(x + more) - law.energy(x) - law.stress(x) * more
+            self.hardening_energy += stored
+        if rate is not None:
+            self._slope += PEEQ**2 / dt * rate.slope(more / dt)
+            self.hardening_energy += dt * rate.energy(more / dt)
 
     def _own(self, value: Coefficient) -> CoefficientFunction:
         """Data as a function on the mesh, the same at the points.
@@ -144,10 +171,10 @@ class ReturnMapping:
         return CF(tuple(function[i] for i in range(value.dim)), dims=tuple(value.dims))
 
     def update(self) -> None:
-        """Solve for |p| at the points, where a law of hardening makes it no closed form."""
+        """Solve at the points, where a law of hardening or of the rate leaves no closed form."""
         if self._solution is not None:
             found = self._functions.function(self._points.at(self._solution))
-            self._gained.vec.data = found.vec
+            self._found.vec.data = found.vec
 
     def flowing(self) -> float:
         """The largest |p| where a law hardens no more."""

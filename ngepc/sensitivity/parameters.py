@@ -40,7 +40,9 @@ from ngepc.sensitivity.equations import STENCIL as STENCIL
 from ngepc.sensitivity.equations import Data
 from ngepc.sensitivity.law_data import OF_LAW, law_changes
 
-MATERIAL = tuple(field.name for field in fields(Material) if field.name != "law")
+MATERIAL = tuple(
+    field.name for field in fields(Material) if field.name not in ("law", "rate")
+)
 LOADS = ("traction", "pressure", "body_force")
 BY_BOUNDARY = (
     "traction",

@@ -12,7 +12,17 @@ from bodies import STEEL
 from ngsolve import CF
 
 import ngepc
-from ngepc import Contact, Coulomb, Kinematics, Material, Point, Problem, Roller, Voce
+from ngepc import (
+    Contact,
+    Coulomb,
+    Kinematics,
+    Material,
+    Norton,
+    Point,
+    Problem,
+    Roller,
+    Voce,
+)
 from ngepc.geometries import block
 from ngepc.model.features import FEATURES, features_of, require_covered
 from ngepc.model.kinematics import KINEMATICS
@@ -50,6 +60,7 @@ ONE_MORE = {
         "material": replace(STEEL, hardening_modulus=0.1, hardening_stiffness=1e3)
     },
     "hardening law": {"material": LAW},
+    "rate": {"material": replace(STEEL, rate=Norton(1.0))},
     "initial plastic strain": {"initial_plastic_strain": CF((0,) * 9, dims=(3, 3))},
     "initial hardening": {"initial_hardening": 0.1},
     "initial strain": {"initial_strain": 1e-3},

@@ -256,7 +256,7 @@ BAD = {
     "rate": (lambda: Voce(250.0, 1.0, 0.0), "rate=0"),
     "offset": (lambda: Swift(250.0, -1.0, 0.2), "offset=-1"),
     "gamma": (
-        lambda: semismooth_newton(bar(LAWS["Voce"], 1.0), gamma=1e3),
+        lambda: semismooth_newton(example_voce(), gamma=1e3),
         "material.law=Voce",
     ),
     "bounds": (
