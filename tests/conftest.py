@@ -54,6 +54,7 @@ SLOW = (
     "physics/test_promises.py",
     "physics/test_property.py",
     "physics/test_published.py",
+    "physics/test_rates.py",
     "physics/test_supports.py",
     "physics/test_verification.py",
     "pictures",
