@@ -11,6 +11,11 @@ from ngepc.bounds.adaptive import Refinement as Refinement
 from ngepc.bounds.adaptive import solve_to as solve_to
 from ngepc.bounds.bound import ErrorBound as ErrorBound
 from ngepc.bounds.bound import error_bound as error_bound
+from ngepc.bounds.goal_bound import GoalBound as GoalBound
+from ngepc.bounds.goal_bound import goal_bound as goal_bound
+from ngepc.bounds.goal_terms import ContactForceOn as ContactForceOn
+from ngepc.bounds.goal_terms import LoadWork as LoadWork
+from ngepc.bounds.goal_terms import MeanDisplacement as MeanDisplacement
 from ngepc.bounds.goals import Between as Between
 from ngepc.bounds.goals import contact_force_bracket as contact_force_bracket
 from ngepc.bounds.goals import displacement_bracket as displacement_bracket

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from ngsolve import BND, CF, Mesh
 
@@ -91,6 +93,11 @@ class Boundary(OuterFacets):
         self.moments = np.zeros((len(cells.facets), N, N))
         self._read_tractions()
         self._read_contact()
+
+    def contact_of(self, names: Sequence[str]) -> np.ndarray:
+        """Which contact facets belong to some boundaries, as booleans."""
+        on = np.isin(self._name, list(self.problem.contact_names))
+        return np.isin(self._name, list(names))[on]
 
     def _held(self) -> np.ndarray:
         """Components that a support holds, shape (boundary elements, N)."""

@@ -148,9 +148,21 @@ class ContactFacets:
         For order one it has their nodal forces, for order two the nearest ones that an affine
         pressure on each facet can have: a pressure with other forces costs sharpness.
         """
-        P = self._means(multipliers)
+        forces = np.maximum(multipliers, 0.0)
+        P = self._means(forces)
         if self.problem.order == 1 or not P.any():
             return P
+        return nnls(*self._fit(forces, P))[0].reshape(P.shape)
+
+    def stresses(self, forces: np.ndarray) -> np.ndarray:
+        """The same from forces of either sign."""
+        P = self._means(forces)
+        if self.problem.order == 1 or not P.any():
+            return P
+        return np.linalg.lstsq(*self._fit(forces, P), rcond=None)[0].reshape(P.shape)
+
+    def _fit(self, forces: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The equations of affine pressures near P with the nodal forces of the rows."""
         N = self.N
         supports = self.discrete.supports
         moments = self.measure[:, None, None] * self._hats.T
@@ -164,20 +176,20 @@ class ContactFacets:
         # Forces of an edge count with its middle, as those of a vertex with the vertex.
         scale = supports.free * np.ones((len(supports.free), 1))
         scale[self.problem.mesh.nv :] /= abs(MIDDLE)
-        forces = self.discrete.rows.normal.T @ np.maximum(multipliers, 0.0)
+        nodal = self.discrete.rows.normal.T @ forces
         chosen = np.unique(rows)
-        known = scale.ravel()[chosen] * forces[chosen]
+        known = scale.ravel()[chosen] * nodal[chosen]
         matrix = (diags(scale.ravel()) @ matrix)[chosen].toarray()
         weak = WEAK * np.abs(moments).max()
         system = np.vstack([matrix, weak * np.eye(P.size)])
-        return nnls(system, np.append(known, weak * P.ravel()))[0].reshape(P.shape)
+        return system, np.append(known, weak * P.ravel())
 
-    def _means(self, multipliers: np.ndarray) -> np.ndarray:
+    def _means(self, forces: np.ndarray) -> np.ndarray:
         """Forces of the rows over their areas at the vertices, (facets, N).
 
         Where a support holds a vertex it is the mean of the others.
         """
-        values = np.append(self._stress(np.maximum(multipliers, 0.0)), 0.0)
+        values = np.append(self._stress(forces), 0.0)
         P = values[self.row_of]
         there = self.row_of >= 0
         mean = P.sum(axis=1) / np.maximum(there.sum(axis=1), 1)
@@ -228,9 +240,13 @@ class ContactFacets:
         """Forces of the body on the obstacle by ``nodes``, shape (facets, nodes, N)."""
         return self.moments(P[:, :, None] * self.normal[:, None] + self.friction(state))
 
+    def opening(self, u: np.ndarray, P: np.ndarray) -> np.ndarray:
+        """The integral of P (psi - u . n) over each facet for vertex values P (facets, N)."""
+        pressed = self.moments(P[:, :, None])[:, :, 0] * self.room(u)
+        return pressed.sum(axis=1) + (P * self.boundary.excess).sum(axis=1)
+
     def gaps(self, state: State, P: np.ndarray) -> np.ndarray:
         """The integral of P (psi - u . n) + F |slip| - T . slip over each facet."""
-        pressed = self.moments(P[:, :, None])[:, :, 0] * self.room(state.u)
         dragged = self.moments(self.friction(state)) * self.slip(state.u)
-        result = pressed.sum(axis=1) + (P * self.boundary.excess).sum(axis=1)
+        result = self.opening(state.u, P)
         return result - dragged.sum(axis=(1, 2)) + self.friction_works(state.u)

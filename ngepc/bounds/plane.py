@@ -11,7 +11,7 @@ import numpy as np
 
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import Completed, Conjugate
-from ngepc.bounds.data import BoundData, Effort
+from ngepc.bounds.data import BoundData, Effort, stress_coordinates
 from ngepc.bounds.element import ELEMENTS, PAIRS
 from ngepc.bounds.levels import TwoLevels
 from ngepc.bounds.parts import portions
@@ -19,6 +19,8 @@ from ngepc.bounds.simplices import Simplices, marked, sliced
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
+# share of the bound that a step of the adjoint's search gains at least
+ADJOINT_GAIN = 0.02
 SHORTEST = 1e-3  # shortest step length
 LOCALLY = 0.3  # share of the gain at which Newton steps stop: where little yields they cost little
 # Newton steps are done around the triangles where this share of what tangents missed arises
@@ -48,6 +50,34 @@ class Dual:
         work = np.einsum("tqc,tqc->tq", z, np.broadcast_to(self.strain, z.shape))
         weights = self.space.rule.weights if z.shape[1] > 1 else np.ones(1)
         return self.space.area * ((self.conjugate.sought(at) - work) @ weights)
+
+
+class Quadratic:
+    """1/2 z . H z, the compliance of a tangent, in the place of phi*: (cells, points, c, c)."""
+
+    def __init__(self, compliance: np.ndarray) -> None:
+        self._compliance = compliance
+
+    def of(self, cells: np.ndarray | slice) -> Quadratic:
+        """The same on some of the cells."""
+        return Quadratic(self._compliance[cells])
+
+    def completed(self, z: np.ndarray) -> Completed:
+        """The stress; nothing yields."""
+        none = np.zeros(z.shape[:2])
+        return Completed(z[..., 0], z, none, z, none, none)
+
+    def value(self, at: Completed) -> np.ndarray:
+        """Half the square at stresses, (cells, points)."""
+        return np.einsum("tqc,tqc->tq", at.deviator, self.gradient(at)) / 2
+
+    def gradient(self, at: Completed) -> np.ndarray:
+        """H z, (cells, points, c)."""
+        return np.matmul(self._compliance, at.deviator[..., None])[..., 0]
+
+    def compliance(self, at: Completed) -> np.ndarray:
+        """H."""
+        return self._compliance
 
 
 OF_MODEL = ("centre", "_values", "_gradient", "compliance", "_yields")
@@ -198,6 +228,35 @@ class PlaneBoundData(BoundData):
         z = tightened(dual, self.cells, z, self.on_parts(stress), rest, self.effort)
         at_points = z if self.problem.order == 2 else z.mean(axis=1, keepdims=True)
         return self.space.at_nodes(z), at_points, P
+
+    def adjoint_stress(
+        self,
+        state: State,
+        tangent: Factors,
+        near: np.ndarray,
+        z: np.ndarray,
+        moments: np.ndarray,
+    ) -> tuple[np.ndarray, float]:
+        """An admissible stress near the tangent's one of z, at nodes, and what it misses of it.
+
+        ``near`` (nodes, N) are displacements whose stress is in equilibrium against hat functions
+        with the facet ``moments``; what is missed is half the square in the tangent's compliance.
+        """
+        stress = self.answer(tangent, near)
+        at = self.conjugate.completed(self.on_parts(self.stress(state)))
+        compliance = self.conjugate.compliance(at)
+        strain = stress_coordinates(*self.discrete.points.strain(z), 0.0)
+        dual = Dual(self.space, Quadratic(compliance), self.on_parts(strain))
+        wanted = stress_coordinates(
+            *tangent.moduli.stress(*self.discrete.points.strain(z))
+        )
+        work = np.einsum("pc,pc->p", wanted, strain)
+        rest = self.discrete.points.integral(work) / 2
+        tau = self.admissible(stress, moments)
+        effort = Effort(newton=0, gain=ADJOINT_GAIN, steps=40)
+        tau = tightened(dual, self.cells, tau, self.on_parts(stress), rest, effort)
+        missed = dual.values(tau, dual.conjugate.completed(tau)).sum() + rest
+        return self.space.at_nodes(tau), float(missed)
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).

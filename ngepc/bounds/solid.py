@@ -170,6 +170,37 @@ class SolidBoundData(BoundData):
         stress = self.built(own.reshape(-1, 4, 3, 3), needed, given, table)
         return stress, stress.mean(axis=1, keepdims=True), P
 
+    def adjoint_stress(
+        self,
+        state: State,
+        tangent: Factors,
+        near: np.ndarray,
+        z: np.ndarray,
+        moments: np.ndarray,
+    ) -> tuple[np.ndarray, float]:
+        """An admissible stress near the tangent's one of z, at nodes, and what it misses of it.
+
+        ``near`` (nodes, N) are displacements whose stress is in equilibrium against hat functions
+        with the facet ``moments``; what is missed is half the square in the tangent's compliance.
+        """
+        faces = self.faces
+        stress = self.stress(state)
+        at = self.conjugate.completed(stress[:, None])
+        H = self.conjugate.compliance(at)[:, 0]
+        own = self.constant_moments(self.answer(tangent, near))
+        added = faces.fill(H, self.carried.inner)
+        b = moments.reshape(-1, 3) - self.cells.sums(own + added)
+        delta, _ = self.displacements(tangent, b, self.effort.gain)
+        own = own + added + faces.moments(faces.stresses(delta))
+        own = self.balanced_moments(tangent, own, moments)
+        needed = np.matmul(CORNER_SUMS, own)
+        tau = self.built(own.reshape(-1, 4, 3, 3), needed, moments, ELEMENT.of_data)
+        wanted = self.answer(tangent, z)
+        left = tau.reshape(len(tau), 4, 4, -1) - wanted[:, None, None]
+        left = np.matmul(RULE[4], left)
+        square = np.einsum("tkqc,tcd,tkqd->t", left, H, left) / 32
+        return tau, float(self.cells.volume @ square)
+
     def sharpened(
         self, state: State, tangent: Factors, own: np.ndarray, P: np.ndarray
     ) -> tuple[np.ndarray, tuple | None]:

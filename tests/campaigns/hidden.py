@@ -24,9 +24,9 @@ NARROWEST = {2: 1 / 50, 3: 1 / 10}
 """The narrowest features, in edges of a cell."""
 CELL = {2: (0.25, 0.6), 3: (0.5, 0.9)}
 """Mesh widths that are drawn."""
-BISECTIONS = {2: 7, 3: 3}
+BISECTIONS = {2: 6, 3: 2}
 """How often elements are bisected for the reference where data vary."""
-MOST = {2: 300, 3: 600}
+MOST = {2: 150, 3: 150}
 """No more elements for the reference."""
 HEAD = ("group", "problems", "refused", "complaints", "least margin",
         "median bound / error")  # fmt: skip
@@ -149,13 +149,16 @@ class Hidden(Work):
             return found | {"refused": str(error)}
         if bound.guaranteed:
             return found | {"complaint": "claimed to be a proof"}
-        fine = error_bound(semismooth_newton(reference(problem)))
+        fine = semismooth_newton(reference(problem))
+        energy = fine.primal_energy
+        if problem.contact_names:  # moved clear of the obstacle
+            energy = error_bound(fine).energy
         scale = bound.total if bound.total > 0 else 1.0
-        above = min(fine.energy - bound.least_energy, bound.energy - fine.least_energy)
+        above = energy - bound.least_energy
         found["margin"] = above / scale
-        error = bound.energy - fine.least_energy
+        error = bound.energy - energy
         found["effectivity"] = bound.total / error if error > 0 else math.nan
-        if above < -1e-9 * abs(fine.energy):
+        if above < -1e-9 * abs(energy):
             found["complaint"] = f"energies cross by {-above / scale:.3g} of the bound"
         return found
 
@@ -182,8 +185,8 @@ class Hidden(Work):
         return [
             f"Strips, spots, steps, wedges and spikes of `tests/campaigns/hidden.py`, seed "
             f"{self.seed}, down to a fiftieth of a mesh width in the plane and a tenth in space. "
-            "For reference meshes are bisected where data vary. Margin: how far the energy on "
-            "each mesh is above the lower bound of the other one, in units of the bound.",
+            "For reference meshes are bisected where data vary. Margin: how far the energy "
+            "there is above the lower bound, in units of the bound. Error: what J falls by.",
             *wrong,
         ]
 

@@ -1,0 +1,266 @@
+"""The adjoint of a goal: a displacement z and a stress in equilibrium with the load of the goal.
+
+Any pair bounds that meets the conditions of ``goal_bound`` at the contact boundary.  Here z is the
+answer of the tangent to the load of the goal, with z . n = c where the body touches, and the stress
+is the best one for it.  Where the conditions ask for it z is changed at single nodes, and the
+pressure of the stress is cut.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ngepc.bounds.contact import BUBBLE, LEVEL, NORMAL_PASSES
+from ngepc.bounds.data import BoundData
+from ngepc.bounds.goal_terms import GoalTerms
+from ngepc.discretisation.factors import Factors
+from ngepc.local.system import State
+
+TOUCHES = 1e-10  # part of the largest force of a row above which it presses
+HOLDS = 20  # most passes until no more rows are held
+UNMOVED = 1e-5
+"""Part of the forces that hold displacements still with which equilibrium is compared."""
+ROUNDING = 1e-10  # part of the conditions that may be missed before a node is changed
+
+
+@dataclass(frozen=True, eq=False)
+class Adjoint:
+    """An admissible pair.
+
+    ``z`` (nodes, N) is the displacement, ``stress`` its stress as ``BoundData`` has admissible
+    ones, ``pressure`` minus its normal traction at the vertices of the contact facets; ``energy``
+    is what the pair misses of the tangent's law, ``least`` the smallest factor lambda for which the
+    conditions hold.
+    """
+
+    z: np.ndarray
+    stress: np.ndarray
+    pressure: np.ndarray
+    energy: float
+    least: float
+
+
+class AdjointProblem:
+    """Adjoints of goals around one state, whose tangent is factorised."""
+
+    def __init__(self, setting: BoundData, state: State, P: np.ndarray) -> None:
+        self.setting = setting
+        self.state = state
+        self.P = P
+        self.tangent = Factors(setting.discrete, "sparsecholesky")
+        self.tangent.update(state.with_radial_return().moduli)
+        self.room = np.maximum(setting.contact.room(state.u), 0.0)
+        if setting.problem.order == 2:
+            self.room[:, 2:] = setting.contact.room(state.u)[:, 2:]
+        rows = setting.discrete.rows
+        self._rows = rows.normal.tocsr()
+        self._answers: dict[int, np.ndarray] = {}
+
+    def _answer(self, row: int) -> np.ndarray:
+        """Displacements that answer a unit force of a row, (nodes N,)."""
+        if row not in self._answers:
+            force = self._rows[row].toarray().reshape(-1, self.setting.cells.N)
+            self._answers[row] = self.tangent.solve(force).ravel()
+        return self._answers[row]
+
+    def held(
+        self, forces: np.ndarray, chosen: np.ndarray, values: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements (nodes, N) under nodal forces with some rows held, and the rows' forces."""
+        z = self.tangent.solve(forces).ravel()
+        mu = np.zeros(len(values))
+        if len(chosen):
+            answers = np.stack([self._answer(row) for row in chosen.tolist()], axis=1)
+            matrix = self._rows[chosen] @ answers
+            missing = self._rows[chosen] @ z - values[chosen]
+            mu[chosen] = np.linalg.solve(matrix, missing)
+            z = z - answers @ mu[chosen]
+        return z.reshape(forces.shape), mu
+
+    def of(self, goal: GoalTerms, factor: float) -> Adjoint:
+        """An admissible pair for lambda >= ``least``, made for the ``factor`` lambda."""
+        setting = self.setting
+        discrete = setting.discrete
+        forces = goal.forces(setting)
+        lift = np.zeros_like(forces) if goal.motion is None else goal.motion
+        if goal.motion is not None:
+            strain = discrete.points.strain(lift)
+            pulled = discrete.points.forces(*self.tangent.moduli.stress(*strain))
+            forces = forces - pulled
+        wanted = self.of_rows(goal) - self._rows @ lift.ravel()
+        z = self._steered(forces, wanted, factor) + lift
+        pi = self._pressed(forces, wanted, factor)
+        pi = np.clip(pi, -factor * self.P, factor * self.P)
+        z, least = self.repaired(goal, z, factor)
+        stress, energy = self.balanced_stress(goal, forces, lift, z, pi)
+        return Adjoint(z, stress, pi, energy, least)
+
+    @cached_property
+    def presses(self) -> np.ndarray:
+        """Rows that press, as booleans."""
+        multipliers = self.state.multipliers
+        return multipliers > TOUCHES * max(multipliers.max(initial=0.0), 1e-300)
+
+    def _steered(
+        self, forces: np.ndarray, wanted: np.ndarray, factor: float
+    ) -> np.ndarray:
+        """Z with rows held where they press, and where the conditions ask for it."""
+        count = len(wanted)
+        gap = np.maximum(self.state.gaps[:count], 0.0)
+        chosen = self.presses.copy()
+        values = wanted.copy()
+        z = np.zeros_like(forces)
+        for _ in range(HOLDS):
+            z, _ = self.held(forces, np.flatnonzero(chosen), values)
+            off = wanted - self._rows @ z.ravel()
+            most = factor * gap * (1 + ROUNDING)
+            more = ~chosen & (np.abs(off) > most + ROUNDING * np.abs(wanted))
+            if not more.any():
+                break
+            values[more] = (wanted - np.sign(off) * factor * gap)[more]
+            chosen |= more
+        return z
+
+    def _pressed(
+        self, forces: np.ndarray, wanted: np.ndarray, factor: float
+    ) -> np.ndarray:
+        """Pi at the vertices of facets: rows that press hold, with forces at most lambda P."""
+        most = factor * self.state.multipliers
+        given = np.zeros_like(wanted)
+        fixed = np.zeros(len(wanted), dtype=bool)
+        mu = given
+        for _ in range(HOLDS):
+            pushed = (self._rows.T @ given).reshape(forces.shape)
+            free = self.presses & ~fixed
+            _, mu = self.held(forces - pushed, np.flatnonzero(free), wanted)
+            mu = np.where(fixed, given, mu)
+            more = free & (np.abs(mu) > most * (1 + ROUNDING))
+            if not more.any():
+                break
+            given = np.where(more, np.clip(mu, -most, most), given)
+            fixed |= more
+        return self.setting.contact.stresses(mu)
+
+    def of_rows(self, goal: GoalTerms) -> np.ndarray:
+        """C at the rows: the largest of the facets around them."""
+        contact = self.setting.contact
+        rows = self.setting.discrete.rows
+        at_nodes = np.zeros(len(self.setting.discrete.load))
+        for column in contact.nodes.T:
+            np.maximum.at(at_nodes, column, goal.factor)
+        return at_nodes[rows.nodes]
+
+    def balanced_stress(
+        self,
+        goal: GoalTerms,
+        forces: np.ndarray,
+        lift: np.ndarray,
+        z: np.ndarray,
+        pi: np.ndarray,
+    ) -> tuple[np.ndarray, float]:
+        """The stress in equilibrium with the goal's load and the pressure pi that is best for z."""
+        setting = self.setting
+        discrete = setting.discrete
+        contact = setting.contact
+        moments, carried = goal.carried(setting)
+        moments = moments.copy()
+        N = setting.cells.N
+        pushed = contact.moments(pi[:, :, None] * contact.normal[:, None])
+        moments[setting.boundary.contact] -= pushed[:, :N]
+        forces = forces.copy()
+        np.subtract.at(forces, contact.nodes, pushed)
+        other = copy(setting)
+        other.carried = carried
+        near = self.tangent.solve(forces) + lift
+        other.patches = copy(setting.patches)
+        length = setting.cells.measure.max() ** (1 / (N - 1))
+        stiff = discrete.law.bulk.max() * length ** (N - 2)
+        other.patches.smallest = UNMOVED * stiff * np.abs(near).max(initial=0.0)
+        return other.adjoint_stress(self.state, self.tangent, near, z, moments)
+
+    def repaired(
+        self, goal: GoalTerms, z: np.ndarray, factor: float
+    ) -> tuple[np.ndarray, float]:
+        """Z changed so that |c - z . n| <= lambda gap everywhere, and the least such lambda.
+
+        Where a support holds a vertex that touches nothing can be changed: the factor may be
+        infinite then.
+        """
+        z = z.copy()
+        contact = self.setting.contact
+        N = self.setting.cells.N
+        for _ in range(NORMAL_PASSES):
+            off = self.off(goal, z)[:, :N]
+            most = factor * self.room[:, :N]
+            beyond = off - np.clip(off, -most, most)
+            if np.abs(beyond).max(initial=0.0) <= ROUNDING * (
+                1 + np.abs(off).max(initial=0)
+            ):
+                break
+            for end in range(N):
+                off = self.off(goal, z)[:, end]
+                most = factor * self.room[:, end]
+                more = off - np.clip(off, -most, most)
+                self._raise(z, contact.nodes[:, end], more, 1.0)
+        if self.setting.problem.order == 2:
+            low, high = self._middles(goal, z, factor)
+            off = self.off(goal, z)
+            middle = (off[:, 0] + off[:, 1] + BUBBLE * off[:, 2]) / 2
+            more = middle - np.clip(middle, low, np.maximum(low, high))
+            self._raise(z, contact.nodes[:, 2], 2 * more, BUBBLE)
+        return z, self.least(goal, z, factor)
+
+    def off(self, goal: GoalTerms, z: np.ndarray) -> np.ndarray:
+        """C - z . n by ``ContactFacets.nodes``, (facets, nodes)."""
+        contact = self.setting.contact
+        off = -np.einsum("eac,ec->ea", z[contact.nodes], contact.normal)
+        off[:, : self.setting.cells.N] += goal.factor[:, None]
+        return off
+
+    def _raise(
+        self, z: np.ndarray, nodes: np.ndarray, amount: np.ndarray, value: float
+    ) -> None:
+        """Raise z . n at nodes of facets by an amount (facets,) where supports allow it."""
+        contact = self.setting.contact
+        free = self.setting.discrete.supports.free[nodes]
+        n = np.where(free, contact.normal, 0.0)
+        square = np.einsum("ec,ec->e", n, n)
+        there = (amount != 0) & (square > LEVEL)
+        share = amount[there] / square[there] / value
+        z[nodes[there]] += n[there] * share[:, None]
+
+    def _middles(
+        self, goal: GoalTerms, z: np.ndarray, factor: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Between which numbers Bernstein's middle coefficient of c - z . n may be (order two).
+
+        A parabola with the coefficients a, m, b is nowhere negative where a, b >= 0 and
+        m >= -(a b)^(1/2).
+        """
+        off = self.off(goal, z)[:, :2]
+        room = self.room
+        middle = (room[:, 0] + room[:, 1] + BUBBLE * room[:, 2]) / 2
+        above = np.maximum(factor * room[:, :2] - off, 0.0)
+        below = np.maximum(factor * room[:, :2] + off, 0.0)
+        high = factor * middle + np.sqrt(above.prod(axis=1))
+        low = -factor * middle - np.sqrt(below.prod(axis=1))
+        return low, high
+
+    def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
+        """The factor, or infinity where the conditions do not hold up to rounding."""
+        N = self.setting.cells.N
+        off = self.off(goal, z)
+        size = ROUNDING * (1 + np.abs(off).max(initial=0.0)) * 10
+        missed = np.abs(off[:, :N]) - factor * self.room[:, :N]
+        if missed.max(initial=0.0) > size:
+            return np.inf
+        if self.setting.problem.order == 2 and len(off):
+            low, high = self._middles(goal, z, factor)
+            middle = (off[:, 0] + off[:, 1] + BUBBLE * off[:, 2]) / 2
+            if max((low - middle).max(), (middle - high).max()) > size:
+                return np.inf
+        return factor

@@ -1,0 +1,290 @@
+"""Guaranteed intervals of forces and displacements, as wide as the product of two errors.
+
+Let u_h be admissible and sigma^ in equilibrium with the loads and a contact pressure P^, as the
+error bound has them, gap_h = psi - u_h . n >= 0, and s(.) the stress by the strain of the step.  A
+goal Q is l(u) for a load (c = 0), or int c P (l = 0).  Let z be any displacement that vanishes on
+supports, tau^ any stress in equilibrium with the load of the goal and the pressure pi^, and
+lambda > 0 with
+
+    c - z . n <= lambda gap_h   and   -pi^ <= lambda P^   on contact.
+
+Then
+
+    Q <= Q_0 + int S + lambda int P^ gap_h,
+    Q_0 = l(u_h) + [f(z) - int s(eps_h) : eps(z)] + int pi^ gap_h,
+    S = sup over e of  tau^ : e - eps(z) : (s(eps_h + e) - s(eps_h))
+                       - lambda e : (s(eps_h + e) - sigma^).
+
+The lower bound is the same with -z, -tau^, -pi^ and -c.  ``docs/goal_bound.md`` has the proof.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from ngsolve import L2, GridFunction
+
+from ngepc.bounds.adjoint import Adjoint, AdjointProblem
+from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state, state_of
+from ngepc.bounds.coverage import COVERS as BOUNDED
+from ngepc.bounds.data import BoundData
+from ngepc.bounds.goal_terms import GoalTerms, terms_of
+from ngepc.bounds.integrand import Integrand, integrand_of
+from ngepc.checks.kinds import require_instance
+from ngepc.discretisation.factors import Factors
+from ngepc.local.result import ExactResult
+from ngepc.model.features import require_covered
+
+COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
+"""Features that goal bounds cover."""
+
+STEP = 1.6
+"""Factor between the lambdas that are tried."""
+TRIES = 8
+REBUILDS = 2
+AGAIN = 1.5
+"""Adjoints are made again, so many times, where the best lambda is that much larger."""
+LARGEST = 1e12
+FIRST = 3.0
+"""The first lambda over (goal / twice the strain energy)^(1/2)."""
+
+
+@dataclass(frozen=True, eq=False)
+class GoalBound:
+    """What a goal of the continuous solution lies between.
+
+    Parameters
+    ----------
+    name
+        The goal.
+    lower, upper
+        The interval.
+    discrete
+        The goal of the result.
+    bound
+        The error bound of the result.
+    adjoint
+        Error of the adjoint: half the square of what its stress and strain miss of the tangent's
+        law, in the units of the goal squared over energy.
+    factor
+        The lambda of the interval (goal over energy).
+    per_cell
+        What each cell adds to half the width, nowhere negative but for rounding.
+    exact
+        Whether all integrals of the supremum are bounds; else some are by a rule.
+    note
+        What was replaced to make the goal continuous.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    discrete: float
+    bound: ErrorBound = field(repr=False)
+    adjoint: float = field(repr=False)
+    factor: float = field(repr=False)
+    per_cell: np.ndarray = field(repr=False)
+    exact: bool = True
+    note: str = ""
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """``lower`` and ``upper``."""
+        return self.lower, self.upper
+
+    @property
+    def width(self) -> float:
+        """``upper`` less ``lower``."""
+        return self.upper - self.lower
+
+    @property
+    def middle(self) -> float:
+        """The middle of the interval: the best single number."""
+        return (self.lower + self.upper) / 2
+
+    @property
+    def percent(self) -> float:
+        """Half the width in percent of the size of the middle."""
+        if self.middle == 0:
+            return math.inf if self.width > 0 else 0.0
+        return 50 * self.width / abs(self.middle)
+
+    @property
+    def guaranteed(self) -> bool:
+        """Whether the interval is proved: exact integrals, and data that are known exactly."""
+        return self.exact and self.bound.guaranteed
+
+    @property
+    def message(self) -> str:
+        """What the interval does not see, and what stands for the goal; empty for neither."""
+        rule = (
+            ""
+            if self.exact
+            else "Where the body yields integrals are by a rule of degree six."
+        )
+        return " ".join(filter(None, (self.note, rule, self.bound.message)))
+
+    @property
+    def estimate(self) -> float:
+        """An estimate of half the width without kinks: (error x adjoint error)^(1/2).
+
+        It is no bound.
+        """
+        return math.sqrt(max(self.bound.total, 0.0) * max(self.adjoint, 0.0))
+
+    @cached_property
+    def indicators(self) -> GridFunction:
+        """``per_cell`` as a function to draw."""
+        mesh = self.bound.problem.mesh
+        result = GridFunction(L2(mesh, order=0), name="goal_indicators")
+        result.vec.FV().NumPy()[:] = self.per_cell
+        return result
+
+    def __str__(self) -> str:
+        kind = "guaranteed" if self.guaranteed else "not proved"
+        return (
+            f"{self.name}: {self.lower:.6g} to {self.upper:.6g}, {self.middle:.6g} up to "
+            f"{self.percent:.2g} percent ({kind})"
+        )
+
+
+def goal_bound(result: object, goal: object) -> GoalBound:
+    """An interval that holds a force or a displacement of the continuous solution.
+
+    Parameters
+    ----------
+    result
+        A result of ``semismooth_newton`` without gamma, converged or not.
+    goal
+        "contact_force", "work" (of the loads), ``ContactForceOn``, ``MeanDisplacement``,
+        ``LoadWork``, ``DisplacementAt`` (the mean over the element around the point) or
+        ``Reaction``.
+
+    Raises
+    ------
+    TypeError
+        If ``result`` is none, or ``goal`` is none.
+    ValueError
+        For what goal bounds do not cover, naming the argument: friction, loads that vary inside
+        elements, and what error bounds do not cover.
+    RuntimeError
+        As ``error_bound``.
+    """
+    require_instance("result", result, ExactResult, "a result without gamma")
+    return GoalProblem(result).bound_of(goal)
+
+
+class GoalProblem:
+    """A result with its error bound, for several goals."""
+
+    def __init__(self, result: ExactResult) -> None:
+        require_covered(result.problem, "a goal bound", COVERS)
+        setting = bound_data_of(result.discrete)
+        tangent = Factors(setting.discrete, "sparsecholesky")
+        state = state_of(setting.discrete, result)
+        self._take(setting, bound_of_state(setting, state, tangent))
+
+    @classmethod
+    def of_bound(cls, setting: BoundData, bound: ErrorBound) -> GoalProblem:
+        """The same from an error bound and its setting."""
+        made = cls.__new__(cls)
+        require_covered(setting.problem, "a goal bound", COVERS)
+        made._take(setting, bound)
+        return made
+
+    def _take(self, setting: BoundData, bound: ErrorBound) -> None:
+        if setting.carried.left.any():
+            names = " and ".join(
+                name
+                for name in ("body_force", "traction", "pressure")
+                if getattr(setting.problem, name) is not None
+            )
+            raise ValueError(
+                f"{names}: a goal bound needs a body force that is constant on elements and "
+                "tractions that are affine"
+            )
+        self.setting = setting
+        self.bound = bound
+        self._adjoints = AdjointProblem(setting, bound.state, bound.pressure)
+
+    def bound_of(self, goal: object) -> GoalBound:
+        """The interval of a goal."""
+        setting = self.setting
+        terms = terms_of(goal, setting)
+        discrete = terms.value(setting, self.bound.state)
+        energy = self.bound.strain_energy
+        if not energy > 0:
+            raise ValueError("result: a goal bound needs a body that is strained")
+        scale = abs(discrete)
+        if terms.motion is not None:
+            scale = max(scale, np.abs(self.bound.state.internal_forces).max())
+        factor = FIRST * math.sqrt(scale / (2 * energy)) if scale else 1.0
+        best = self._candidate(terms, factor)
+        for _ in range(REBUILDS):
+            if best.factor < AGAIN * best.adjoint.least:
+                break
+            made = math.sqrt(best.factor * best.adjoint.least / 2)
+            trial = self._candidate(terms, max(made, AGAIN * best.adjoint.least))
+            if trial.width >= best.width:
+                break
+            best = trial
+        return self._told(terms, best, discrete)
+
+    def _candidate(self, terms: GoalTerms, factor: float) -> Candidate:
+        """The best lambda for the adjoint that is made for a factor, or for a larger one."""
+        adjoint = self._adjoints.of(terms, factor)
+        while not math.isfinite(adjoint.least):
+            factor *= 8
+            if factor > LARGEST:
+                raise RuntimeError(
+                    f"goal={terms.name}: a support holds a vertex that touches the obstacle"
+                )
+            adjoint = self._adjoints.of(terms, factor)
+        integrand = integrand_of(self.setting, self.bound, adjoint)
+        width = integrand.likely(factor)
+        for _ in range(TRIES):
+            trial = integrand.likely(STEP * factor)
+            if trial >= width:
+                break
+            factor *= STEP
+            width = trial
+        return Candidate(adjoint, integrand, factor, width)
+
+    def _told(self, terms: GoalTerms, chosen: Candidate, discrete: float) -> GoalBound:
+        """The interval of a choice."""
+        contact = self.setting.contact
+        state = self.bound.state
+        adjoint = chosen.adjoint
+        opened = chosen.factor * contact.opening(state.u, self.bound.pressure)
+        centre = float(np.vdot(terms.forces(self.setting), state.u))
+        centre += float(np.vdot(self.setting.discrete.load, adjoint.z))
+        centre += chosen.integrand.residual
+        centre += float(contact.opening(state.u, adjoint.pressure).sum())
+        above, below, exact = chosen.integrand.bounds(chosen.factor)
+        per_cell = (above + below) / 2
+        per_cell += np.bincount(contact.owner, opened, minlength=len(per_cell))
+        return GoalBound(
+            terms.name,
+            centre - float(below.sum() + opened.sum()),
+            centre + float(above.sum() + opened.sum()),
+            discrete,
+            self.bound,
+            adjoint.energy,
+            chosen.factor,
+            per_cell,
+            exact,
+            terms.note,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An adjoint with the lambda that is best for it, and about the width of the interval."""
+
+    adjoint: Adjoint
+    integrand: Integrand
+    factor: float
+    width: float

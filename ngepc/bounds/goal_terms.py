@@ -1,0 +1,235 @@
+"""Goals of guaranteed intervals: what is asked for, as loads, pressed facets and moved supports.
+
+A goal Q is linear in the solution:  the work l(u) of a load, the resultant of c P for a number c on
+each contact facet, or minus the work of all forces in a motion of a support, a reaction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from ngsolve import BND, CF, L2, VOL, GridFunction, Integrate
+
+from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.data import BoundData
+from ngepc.bounds.oscillation import CarriedLoads
+from ngepc.checks.arguments import boundary_names, require_integer, require_vector
+from ngepc.checks.declared import Check, Declared, Text
+from ngepc.discretisation.loads import applied_forces
+from ngepc.local.system import State
+from ngepc.model.data import Vector
+from ngepc.model.problem import Problem
+
+NAMES = ("contact_force", "work")
+"""Goals with a name: the resultant of the contact pressure, the work of the problem's loads."""
+
+Component = Annotated[int, Check(require_integer, least=0, most=2)]
+
+
+@dataclass(frozen=True)
+class ContactForceOn(Declared):
+    """The resultant of the normal contact pressure on some contact boundaries (force).
+
+    Parameters
+    ----------
+    boundary
+        Name of a contact boundary, or a pattern of several.
+    """
+
+    boundary: Text
+
+
+@dataclass(frozen=True)
+class MeanDisplacement(Declared):
+    """The mean of one component of the displacement over a boundary (length).
+
+    Parameters
+    ----------
+    boundary
+        Name of the boundary; it is no contact boundary and not held.
+    component
+        0, 1 or 2.
+    """
+
+    boundary: Text
+    component: Component
+
+
+@dataclass(frozen=True)
+class LoadWork:
+    """The work that a load would do, int g . u + int f . u (force times length).
+
+    Parameters
+    ----------
+    traction, body_force
+        g and f, as those of a ``Problem``, constant on elements or with g affine.
+    """
+
+    traction: Mapping[str, Vector] | None = None
+    body_force: Vector | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class GoalTerms:
+    """A goal on one mesh.
+
+    Parameters
+    ----------
+    name
+        For messages and pictures.
+    load
+        A problem whose tractions and body force are the load of the goal; None for none.
+    factor
+        c on each contact facet.
+    motion
+        The motion of supports, minus that of the reaction, (nodes, N); None for none.
+    note
+        What was replaced to make the goal continuous; may be empty.
+    """
+
+    name: str
+    load: Problem | None
+    factor: np.ndarray = field(repr=False)
+    motion: np.ndarray | None = field(repr=False)
+    note: str = ""
+
+    def forces(self, setting: BoundData) -> np.ndarray:
+        """Nodal forces of the load, (nodes, N)."""
+        discrete = setting.discrete
+        if self.load is None:
+            return np.zeros_like(discrete.load)
+        return applied_forces(self.load, discrete.supports.space)
+
+    def carried(self, setting: BoundData) -> tuple[np.ndarray, CarriedLoads]:
+        """Facet moments of the load's tractions, and its body forces.
+
+        ValueError for loads that stresses do not carry exactly.
+        """
+        empty = self.load or _loaded(setting.problem, None, None)
+        boundary = Boundary(empty, setting.cells)
+        carried = CarriedLoads(boundary)
+        if carried.left.any():
+            raise ValueError(
+                f"goal={self.name}: its load varies inside elements; a goal needs a body "
+                "force that is constant on elements and affine tractions"
+            )
+        return boundary.moments, carried
+
+    def value(self, setting: BoundData, state: State) -> float:
+        """The goal of a discrete state."""
+        value = float(np.vdot(self.forces(setting), state.u))
+        if self.motion is not None:
+            value -= float(np.vdot(self.motion, state.residual_force))
+        pressed = setting.contact.pressure(state.multipliers)
+        moments = setting.contact.moments(pressed[:, :, None])
+        pushed = moments[:, : setting.cells.N, 0].sum(axis=1)
+        return value + float(self.factor @ pushed)
+
+
+def terms_of(goal: object, setting: BoundData) -> GoalTerms:
+    """A goal on the mesh of a setting.
+
+    ``goal`` is a name of ``NAMES``, one of the classes here, or has ``point`` and ``component``
+    (``DisplacementAt``), ``support`` and ``component`` (``Reaction``).
+
+    TypeError, ValueError for what is none, or is not covered.
+    """
+    problem = setting.problem
+    zero = np.zeros(len(setting.contact.nodes))
+    if isinstance(goal, GoalTerms):
+        return goal
+    if isinstance(goal, str):
+        return _named(goal, problem, zero)
+    if isinstance(goal, ContactForceOn):
+        names = boundary_names("boundary", goal.boundary, problem.mesh)
+        on = setting.boundary.contact_of(names).astype(float)
+        if not on.any():
+            raise ValueError(
+                f"boundary={goal.boundary!r}: a contact boundary is needed"
+            )
+        return GoalTerms(f"contact force on {goal.boundary}", None, on, None)
+    if isinstance(goal, MeanDisplacement):
+        load = _loaded(problem, _mean_traction(goal, problem), None)
+        return GoalTerms(f"mean displacement of {goal.boundary}", load, zero, None)
+    if isinstance(goal, LoadWork):
+        load = _loaded(problem, goal.traction, goal.body_force)
+        return GoalTerms("work", load, zero, None)
+    if hasattr(goal, "point") and hasattr(goal, "component"):
+        return _displacement_at(goal, problem, zero)
+    if hasattr(goal, "support") and hasattr(goal, "component"):
+        motion = _support_motion(goal, setting)
+        return GoalTerms(f"reaction of {goal.support}", None, zero, motion)
+    raise TypeError(
+        f"goal={goal!r}: 'contact_force', 'work', ContactForceOn, MeanDisplacement, LoadWork, "
+        "DisplacementAt or Reaction is needed"
+    )
+
+
+def _named(goal: str, problem: Problem, zero: np.ndarray) -> GoalTerms:
+    if goal not in NAMES:
+        raise ValueError(f"goal={goal!r}: one of {', '.join(NAMES)} is needed")
+    if goal == "work":
+        load = _loaded(problem, problem.tractions, problem.f)
+        return GoalTerms("work of the loads", load, zero, None)
+    if not len(zero):
+        raise ValueError("contact=None: a contact force needs contact")
+    return GoalTerms("contact force", None, zero + 1.0, None)
+
+
+def _loaded(
+    problem: Problem, traction: Mapping | None, body_force: Vector | None
+) -> Problem:
+    """The problem with other loads; without history, it is a list of loads only."""
+    traction = dict(traction) if traction else None
+    return problem.changed(traction=traction, body_force=body_force, pressure=None)
+
+
+def _mean_traction(goal: MeanDisplacement, problem: Problem) -> dict[str, tuple]:
+    """The traction whose work is the mean."""
+    names = boundary_names("boundary", goal.boundary, problem.mesh)
+    component = require_integer("component", goal.component, 0, problem.N - 1)
+    region = problem.mesh.Boundaries("|".join(names))
+    size = Integrate(CF(1), problem.mesh, BND, definedon=region)
+    traction = [0.0] * problem.N
+    traction[component] = 1 / size
+    return {name: tuple(traction) for name in names}
+
+
+def _displacement_at(goal: object, problem: Problem, zero: np.ndarray) -> GoalTerms:
+    """The mean of a displacement over the element with a point."""
+    mesh = problem.mesh
+    place = require_vector("point", goal.point, (problem.N,))
+    component = require_integer("component", goal.component, 0, problem.N - 1)
+    if not mesh.Contains(*place):
+        raise ValueError(f"point={goal.point!r}: a point in the body is needed")
+    number = mesh(*place).nr
+    patch = GridFunction(L2(mesh, order=0))
+    patch.vec.FV().NumPy()[number] = 1.0
+    size = Integrate(patch, mesh, VOL)
+    patch.vec.FV().NumPy()[number] = 1 / size
+    force = [CF(0.0)] * problem.N
+    force[component] = patch
+    load = _loaded(problem, None, CF(tuple(force)))
+    note = f"The displacement is the mean over the element around {goal.point}."
+    return GoalTerms("displacement", load, zero, None, note)
+
+
+def _support_motion(goal: object, setting: BoundData) -> np.ndarray:
+    """Minus the unit motion of a support, (nodes, N)."""
+    problem = setting.problem
+    supports = setting.discrete.supports
+    component = require_integer("component", goal.component, 0, problem.N - 1)
+    (name,) = boundary_names("support", goal.support, problem.mesh)
+    region = problem.mesh.Boundaries(name)
+    there = np.array(supports.space.components[component].GetDofs(region), dtype=bool)
+    there[problem.mesh.nv :] = False
+    motion = np.zeros(setting.discrete.load.shape)
+    motion[there, component] = -1.0 * ~supports.free[there, component]
+    if not motion.any():
+        raise ValueError(
+            f"support={goal.support!r}: it does not hold component {component}"
+        )
+    return motion

@@ -1,0 +1,215 @@
+"""Intervals of goals: the supremum against random strains, and fine values inside."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns.crossings import finer
+
+from ngepc import (
+    ContactForceOn,
+    DisplacementAt,
+    LoadWork,
+    Material,
+    MeanDisplacement,
+    Problem,
+    Reaction,
+    goal_bound,
+    semismooth_newton,
+)
+from ngepc.bounds.supremum import PointData, Stresses, suprema
+from ngepc.geometries import block
+from ngepc.studies.examples import example
+
+MATERIAL = Material.kinematic(
+    lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
+)
+TWO_MU = 2e3
+BETA = 5.0
+BULK = 3e3
+
+
+class Points:
+    """Random data at points, near the tangent's."""
+
+    def __init__(self, d, hardening, count=400):
+        rng = np.random.default_rng(d)
+        ones = np.ones(count)
+        self.hardening = hardening
+        self.back = rng.normal(size=(count, d))
+        e = rng.normal(size=(count, d)) * 10 ** rng.uniform(-4, -2, (count, 1))
+        self.trial = TWO_MU * e - self.back
+        self.volume = 1e-3 * rng.normal(size=count)
+        self.stress = self.law(self.trial)
+        self.at = PointData(
+            BULK * ones,
+            TWO_MU * ones,
+            hardening * ones,
+            BETA * ones,
+            self.volume,
+            self.trial,
+            self.back,
+            self.stress,
+        )
+        wrong = 10 ** rng.uniform(-3, 0, (count, 1))
+        self.strain = Stresses(
+            1e-3 * rng.normal(size=count), 1e-3 * rng.normal(size=(count, d))
+        )
+        change = 1 + wrong * rng.normal(size=(count, d))
+        self.tau = Stresses(
+            BULK * self.strain.mean, TWO_MU * self.strain.deviator * change
+        )
+        self.sigma = Stresses(
+            BULK * self.volume + wrong[:, 0] * rng.normal(size=count),
+            self.stress + wrong * rng.normal(size=(count, d)),
+        )
+
+    def law(self, trial):
+        """The stress of the radial return."""
+        size = np.linalg.norm(trial, axis=1, keepdims=True)
+        inside = trial * np.minimum(1, BETA / np.maximum(size, 1e-300))
+        M = TWO_MU + self.hardening
+        return (self.hardening * trial + TWO_MU * inside) / M + self.back
+
+    def integrand(self, volume, e, factor):
+        """What the supremum is of."""
+        rise = self.law(self.trial + TWO_MU * e) - self.stress
+        left = self.stress + rise - self.sigma.deviator
+        value = self.tau.mean * volume + (self.tau.deviator * e).sum(axis=1)
+        value -= BULK * self.strain.mean * volume
+        value -= (self.strain.deviator * rise).sum(axis=1)
+        mean = BULK * (self.volume + volume) - self.sigma.mean
+        return value - factor * (mean * volume + (left * e).sum(axis=1))
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+@pytest.mark.parametrize("hardening", [1e3, 20.0])
+def test_no_strain_exceeds_the_supremum(d, hardening):
+    points = Points(d, hardening)
+    rng = np.random.default_rng(7)
+    for factor in (0.1, 2.0):
+        most, _ = suprema(points.at, points.tau, points.sigma, points.strain, factor)
+        best = np.full(len(most), -np.inf)
+        where = np.zeros((len(most), d + 1))
+        for round_ in range(2500):
+            step = 10 ** rng.uniform(-6, 0, (len(most), 1))
+            trial = step * rng.normal(size=where.shape)
+            if round_ > 400:
+                trial += where
+            value = points.integrand(trial[:, 0], trial[:, 1:], factor)
+            better = value > best
+            best[better] = value[better]
+            where[better] = trial[better]
+        assert (best <= most * (1 + 1e-9)).all()
+        assert np.sum(most) < 1.15 * np.sum(best)
+
+
+def fine_value(problem, functional, bisections=4):
+    """A functional on a mesh bisected several times, order two where it can be."""
+    order = 2 if problem.N == 2 else 1
+    fine = finer(replace(problem, order=order), bisections)
+    return functional(semismooth_newton(fine))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_contact_force_of_the_l_shape(order):
+    """The fine value is between 2.7408 and 2.7432, from order two on 6273 nodes."""
+    problem = replace(example("lshape", 417), order=order)
+    found = goal_bound(semismooth_newton(problem), "contact_force")
+    assert found.lower < 2.7408
+    assert found.upper > 2.7432
+    assert found.percent < {1: 4.5, 2: 2.2}[order]
+    assert found.per_cell.min() > -1e-9 * found.width
+    assert found.estimate < found.width / 2
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_work_of_the_load_of_the_wrench(order):
+    problem = replace(example("wrench", 245), order=order)
+    found = goal_bound(semismooth_newton(problem), "work")
+    assert found.lower < 0.004996
+    assert found.upper > 0.004996
+    assert found.percent < {1: 60, 2: 12}[order]
+
+
+def test_the_reaction_balances_the_load():
+    problem = Problem(
+        block.mesh(0.2, (1.0, 0.7)), MATERIAL, traction={"contact": (1.0, -3.0)}
+    )
+    result = semismooth_newton(problem)
+    for component, value in ((0, -1.0), (1, 3.0)):
+        found = goal_bound(result, Reaction("clamped", component))
+        assert found.lower - 1e-9 <= value <= found.upper + 1e-9
+        assert found.discrete == pytest.approx(value, rel=1e-6)
+
+
+def test_displacements_of_a_block():
+    problem = Problem(
+        block.mesh(0.3, (1.0, 0.7)), MATERIAL, traction={"contact": (1.0, -4.0)}
+    )
+    result = semismooth_newton(problem)
+    mean = goal_bound(result, MeanDisplacement("contact", 1))
+    work = goal_bound(result, LoadWork({"contact": (0.0, 1.0)}))
+    assert work.lower == pytest.approx(mean.lower, rel=1e-6)
+    assert mean.guaranteed or not mean.exact
+    there = goal_bound(result, DisplacementAt((0.5, 0.4), 1))
+    assert there.lower <= there.discrete <= there.upper
+    assert "mean over the element" in there.message
+
+    def wanted(fine):
+        return goal_bound(fine, MeanDisplacement("contact", 1)).discrete
+
+    assert mean.lower <= fine_value(problem, wanted) <= mean.upper
+
+
+def test_a_displacement_in_space():
+    problem = Problem(
+        block.mesh(0.5), MATERIAL, order=1, traction={"contact": (1.0, 0.0, -2.0)}
+    )
+    found = goal_bound(semismooth_newton(problem), "work")
+    fine = fine_value(problem, lambda r: goal_bound(r, "work").discrete, 3)
+    assert found.guaranteed
+    assert found.lower <= fine <= found.upper
+    assert found.percent < 60
+
+
+def test_one_of_two_obstacles():
+    """The forces on both are the whole."""
+    problem = replace(example("lshape", 417), order=1)
+    result = semismooth_newton(problem)
+    names = problem.contact_names
+    one = goal_bound(result, ContactForceOn("|".join(names)))
+    both = goal_bound(result, "contact_force")
+    assert one.lower == pytest.approx(both.lower, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("goal", "word"),
+    [
+        ("force", "goal="),
+        (3, "goal="),
+        ("contact_force", "contact"),
+        (Reaction("contact", 0), "support"),
+        (DisplacementAt((9.0, 9.0), 0), "point"),
+        (LoadWork(body_force=(lambda: 1,)), "body_force"),
+    ],
+)
+def test_what_is_no_goal_is_refused(goal, word):
+    problem = Problem(
+        block.mesh(0.5, (1.0, 0.7)), MATERIAL, traction={"contact": (1.0, 0.0)}
+    )
+    result = semismooth_newton(problem)
+    with pytest.raises((TypeError, ValueError), match=word):
+        goal_bound(result, goal)
+
+
+def test_friction_is_refused():
+    problem = Problem(
+        block.mesh(0.5, (1.0, 0.7)),
+        MATERIAL,
+        contact="contact",
+        gap=-0.01,
+        friction=0.1,
+    )
+    with pytest.raises(ValueError, match="friction"):
+        goal_bound(semismooth_newton(problem), "contact_force")
