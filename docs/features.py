@@ -6,7 +6,7 @@ It is made from the constants ``COVERS`` by which the methods refuse what they d
 from pathlib import Path
 
 from ngepc.bounds import coverage as bounds
-from ngepc.bounds import goals
+from ngepc.bounds import goal_bound, goals
 from ngepc.dual import blocks
 from ngepc.limit import reading
 from ngepc.local import indicators, solver
@@ -23,6 +23,7 @@ METHODS = {
     "witness": energy.COVERS,
     "gamma": blocks.COVERS,
     "bound": bounds.COVERS,
+    "goal": goal_bound.COVERS,
     "bracket": goals.COVERS,
     "limit load": reading.COVERS,
     "derivative": gradient.COVERS,
@@ -44,6 +45,7 @@ problem has.
 - **gamma**: the paper's regularised method, `semismooth_newton(problem, gamma=...)`,
   `follow_path`, `duality_report`
 - **bound**: `error_bound`, `solve_to`: what "guaranteed" is said for
+- **goal**: `goal_bound`, `solve_to(goal=...)`, `verdict`
 - **bracket**: `contact_force_bracket`, `displacement_bracket`, `evolve(error=...)`
 - **limit load**: `limit_load`, with obstacles that touch
 - **derivative**: `gradient`, `tangent`, `calibrate`: what "differentiable" is said for
