@@ -67,7 +67,7 @@ class Quadratic:
         none = np.zeros(z.shape[:2])
         return Completed(z[..., 0], z, none, z, none, none)
 
-    def value(self, at: Completed) -> np.ndarray:
+    def sought(self, at: Completed) -> np.ndarray:
         """Half the square at stresses, (cells, points)."""
         return np.einsum("tqc,tqc->tq", at.deviator, self.gradient(at)) / 2
 
