@@ -98,3 +98,4 @@ from ngepc.sensitivity.gradient import TangentResult as TangentResult
 from ngepc.sensitivity.gradient import gradient as gradient
 from ngepc.sensitivity.gradient import tangent as tangent
 from ngepc.sensitivity.parameters import Direction as Direction
+from ngepc.sensitivity.response import Response as Response

@@ -17,6 +17,7 @@ FLOORS = (
     ("limit",),
     ("evolution",),
     ("sensitivity",),
+    ("bridges",),
     ("pictures",),
     ("studies",),
     ("cli",),
@@ -31,6 +32,8 @@ STILL_UPWARDS = set()
 """Pairs (module, imported module) that break the rule today; this set may only shrink."""
 
 OPTIONAL = {
+    ("ngepc.bridges.functions", "jax"),
+    ("ngepc.bridges.functions", "torch"),
     ("ngepc.linalg.conic", "clarabel"),
     ("ngepc.pictures.live", "anywidget"),
     ("ngepc.pictures.live", "traitlets"),

@@ -78,7 +78,7 @@ def test_what_is_not_run_is_rare():
         found for path in PAGES for found in SNIPPET.findall(path.read_text("utf-8"))
     ]
     assert len(every) > 15
-    assert sum(bool(not_run) for not_run, _ in every) <= 1
+    assert sum(bool(not_run) for not_run, _ in every) <= 2  # MPI; JAX and PyTorch
 
 
 @pytest.mark.parametrize("path", PAGES, ids=name)

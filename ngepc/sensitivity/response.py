@@ -1,0 +1,123 @@
+"""A number of the solution as a function of some data of the problem, with its derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+
+from ngepc.checks.arguments import is_number, require_vector
+from ngepc.checks.kinds import require_instance
+from ngepc.evolution.load_path import scaled
+from ngepc.local.result import ExactResult
+from ngepc.local.solver import RepeatedSolver
+from ngepc.model.problem import Problem
+from ngepc.sensitivity.functionals import Form, Functional, as_functional
+from ngepc.sensitivity.gradient import gradient
+from ngepc.sensitivity.parameters import Direction
+
+FACTORS = ("traction", "pressure", "body_force", "prescribed")
+"""Data whose parameter is a factor of what the problem is given."""
+
+
+class Response:
+    """A function of parameters, theta (n,), to the number and its derivatives (n,).
+
+    ``scipy.optimize.minimize(response, response.start, jac=True)`` takes it as it is.  Each call
+    solves the problem, from the solution of the call before.
+
+    Parameters
+    ----------
+    problem
+        The problem where ``start`` is.
+    functional
+        What the number is, as of ``gradient``: "contact_force", ``Reaction(...)``, ...
+    parameters
+        What theta is: names of numbers of the material, "yield_stress" for example; "gap", by
+        how much the obstacles are moved away; "traction", "pressure", "body_force" or
+        "prescribed", factors of what the problem is given.
+
+    ``last`` is the last solution, ``start`` are the parameters of the problem as it is.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not legal, or the problem has no such number.
+    """
+
+    last: ExactResult | None = None
+
+    def __init__(
+        self,
+        problem: Problem,
+        functional: str | Form | Functional,
+        parameters: Sequence[str],
+    ) -> None:
+        self.problem = require_instance("problem", problem, Problem, "a Problem")
+        self.functional = as_functional(functional)
+        self.parameters = tuple(parameters)
+        if isinstance(parameters, str) or not self.parameters:
+            raise TypeError(f"parameters={parameters!r}: a list of names is needed")
+        self.start = np.array([self._given(name) for name in self.parameters])
+        self._solver = RepeatedSolver()
+
+    def __call__(self, theta: Sequence[float]) -> tuple[float, np.ndarray]:
+        """The number and its derivatives; SolverError if a solve does not converge."""
+        n = len(self.parameters)
+        values = require_vector("theta", np.asarray(theta, dtype=float), (n,))
+        problem = self.at(values)
+        result = self._solver(problem, start=self.last)
+        result.raise_for_status()
+        self.last = result
+        slopes = gradient(result, self.functional, self._directions)
+        return slopes.functional, np.array([slopes[name] for name in self.parameters])
+
+    def at(self, theta: Sequence[float]) -> Problem:
+        """The problem with these parameters."""
+        constants = {}
+        changes: dict[str, object] = {}
+        for name, value in zip(self.parameters, theta, strict=True):
+            given = getattr(self.problem, name, None)
+            if name in FACTORS:
+                changes[name] = scaled(given, value)
+            elif name == "gap":
+                changes[name] = moved(given, value)
+            else:
+                constants[name] = value
+        if constants:
+            changes["material"] = replace(self.problem.material, **constants)
+        return self.problem.changed(**changes)
+
+    @property
+    def _directions(self) -> dict[str, Direction]:
+        """What each parameter changes per unit."""
+        return {
+            name: Direction(name, getattr(self.problem, name))
+            if name in FACTORS
+            else Direction(name)
+            for name in self.parameters
+        }
+
+    def _given(self, name: str) -> float:
+        """The parameter of the problem as it is; ValueError if it has none."""
+        problem = self.problem
+        if name in (*FACTORS, "gap"):
+            if getattr(problem, name) is not None:
+                return 0.0 if name == "gap" else 1.0
+        elif name in [field.name for field in fields(problem.material)]:
+            value = getattr(problem.material, name)
+            if is_number(value):
+                return float(value)
+        numbers = [n for n, v in vars(problem.material).items() if is_number(v)]
+        there = [n for n in (*FACTORS, "gap") if getattr(problem, n) is not None]
+        raise ValueError(
+            f"parameters: {name!r} is none of {', '.join([*numbers, *there])}"
+        )
+
+
+def moved(gap: object, distance: float) -> object:
+    """Gaps, one or by boundary, wider by a distance."""
+    if isinstance(gap, Mapping):
+        return {name: moved(one, distance) for name, one in gap.items()}
+    return gap + distance

@@ -1,0 +1,91 @@
+"""Responses and their functions in JAX and PyTorch: values of solves, slopes of differences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from ngepc import Reaction, Response, lshape_problem, semismooth_newton
+from ngepc.bridges import jax_function, torch_function
+from ngepc.geometries import lshape
+
+NAMES = ("yield_stress", "hardening", "traction", "gap")
+
+
+def response(functional="contact_force"):
+    return Response(lshape_problem(lshape.paper_mesh(225)), functional, NAMES)
+
+
+POINT = np.array([1.3, 90.0, 0.9, 0.005])
+
+
+def test_values_are_those_of_a_solve():
+    problem = lshape_problem(lshape.paper_mesh(225))
+    steel = replace(problem.material, yield_stress=1.3, hardening=90.0)
+    load = {"load": 0.9 * problem.traction["load"]}
+    same = replace(problem, material=steel, traction=load, gap=0.105)
+    value, _ = response()(POINT)
+    assert value == pytest.approx(semismooth_newton(same).contact_force, rel=1e-9)
+    assert response().start.tolist() == [1.25, 100.0, 1.0, 0.0]
+
+
+@pytest.mark.parametrize("functional", ["contact_force", Reaction("clamped", 1)])
+def test_derivatives_are_those_of_differences(functional):
+    f = response(functional)
+    _, slopes = f(POINT)
+    for k, size in enumerate((1e-5, 1e-3, 1e-5, 1e-6)):
+        step = np.zeros(4)
+        step[k] = size
+        difference = (f(POINT + step)[0] - f(POINT - step)[0]) / (2 * size)
+        assert slopes[k] == pytest.approx(difference, rel=2e-5, abs=1e-8)
+
+
+def test_scipy_finds_the_load_for_a_force():
+    f = response()
+
+    def squared(theta):
+        value, slope = f([1.25, 100.0, theta[0], 0.0])
+        return (value - 2.0) ** 2, 2 * (value - 2.0) * slope[2:3]
+
+    found = minimize(squared, [1.0], jac=True, method="BFGS", tol=1e-10)
+    assert f([1.25, 100.0, found.x[0], 0.0])[0] == pytest.approx(2.0, abs=1e-5)
+
+
+def test_unknown_parameters_are_named():
+    problem = lshape_problem(lshape.paper_mesh(113))
+    with pytest.raises(ValueError, match=r"'young' is none of lame_lambda, .*traction"):
+        Response(problem, "contact_force", ["young"])
+    with pytest.raises(TypeError, match="a list of names"):
+        Response(problem, "contact_force", "gap")
+    with pytest.raises(TypeError, match="a Response"):
+        jax_function("contact_force")
+    with pytest.raises(TypeError, match="a Response"):
+        torch_function("contact_force")
+
+
+def test_jax_differentiates_through_a_solve():
+    jax = pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
+    jax.config.update("jax_enable_x64", True)
+    f = jax_function(response())
+    value, slopes = response()(POINT)
+
+    def chained(theta):
+        return f(theta) ** 2
+
+    theta = jax.numpy.asarray(POINT)
+    assert float(f(theta)) == pytest.approx(value, rel=1e-9)
+    np.testing.assert_allclose(jax.grad(chained)(theta), 2 * value * slopes, rtol=1e-7)
+    np.testing.assert_allclose(
+        jax.jit(jax.grad(chained))(theta), 2 * value * slopes, rtol=1e-7
+    )
+
+
+def test_torch_differentiates_through_a_solve():
+    torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+    theta = torch.tensor(POINT, requires_grad=True)
+    value, slopes = response()(POINT)
+    loss = torch_function(response())(theta) ** 2
+    loss.backward()
+    assert float(loss) == pytest.approx(value**2, rel=1e-9)
+    np.testing.assert_allclose(theta.grad.numpy(), 2 * value * slopes, rtol=1e-7)
