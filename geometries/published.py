@@ -24,7 +24,8 @@ from netgen.occ import (  # fmt: skip
 )
 from ngsolve import Mesh
 
-from .outlines import netgen_mesh
+from .outlines import meshed, netgen_mesh
+from .outlines import polygon as outline
 
 
 def polygon(corners: Sequence[tuple[float, float]]) -> Face:
@@ -220,3 +221,20 @@ def quarter_under_punch(
         on = np.isclose(x[faces][:, :, axis], place).all(axis=1) & ~pressed
         groups.append((2, name, faces[on]))
     return Mesh(netgen_mesh(3, x, groups))
+
+
+def vertical_cut(maxh: float) -> Mesh:
+    """Ground with a vertical cut of height 1 at x = 0; boundaries ``held`` and ``free``."""
+    corners = [((-2, -1), "held"), ((1.5, -1), "held"), ((1.5, 0), "free")]
+    corners += [((0, 0), "free"), ((0, 1), "free"), ((-2, 1), "held")]
+    return meshed(outline(corners), maxh)
+
+
+def ground_under_strip(maxh: float) -> Mesh:
+    """Half of the ground under a strip of half width 1.
+
+    Boundaries ``load`` (under the strip), ``axis`` (x = 0), ``free`` and ``held``.
+    """
+    corners = [((0, -3), "held"), ((4, -3), "held"), ((4, 0), "free")]
+    corners += [((1, 0), "load"), ((0, 0), "axis")]
+    return meshed(outline(corners), maxh)

@@ -68,6 +68,8 @@ from ngepc.model.problem import wrench_problem as wrench_problem
 from ngepc.model.tensile import lame_parameters as lame_parameters
 from ngepc.model.viscosity import Norton as Norton
 from ngepc.model.viscosity import RateLaw as RateLaw
+from ngepc.pictures.collapse import plot_bracket as plot_bracket
+from ngepc.pictures.collapse import plot_mechanism as plot_mechanism
 from ngepc.pictures.curves import plot_curve as plot_curve
 from ngepc.pictures.curves import plot_history as plot_history
 from ngepc.pictures.export import export_vtu as export_vtu

@@ -73,6 +73,16 @@ OPTIONS = {
         "zero, coarse (solved on a coarse mesh) or file of --save",
         "zero",
     ),
+    "body": (
+        ("cut", "strip", "square", "punch"),
+        "a vertical cut, ground under a strip, a square, a block of clay under a punch",
+    ),
+    "--width PART": (
+        positive,
+        "cut the mesh until upper - lower is at most this part of lower; default 0.01",
+        0.01,
+    ),
+    "--max-cells N": (count, "no mesh gets more elements, default 10000", 10_000),
     "--error PART": (
         positive,
         "bisect the mesh until the energy error is at most this part",
@@ -131,6 +141,7 @@ ngepc solve wrench --nodes 6353 --figures out    with pictures
 ngepc solve lshape --gamma 1e4 --start coarse    the paper's method, as in Table 1
 ngepc solve lshape --error 1e-2                  refine until the error is guaranteed
 ngepc solve lshape --save run.npz                keep it for the next one
+ngepc limit cut --width 0.005 --figures out      when a cut collapses, guaranteed
 ngepc report run.npz                             pictures, numbers, a view to turn and zoom
 ngepc path wrench --nodes 1641                        as in Table 3
 ngepc path lshape --gamma-end 1e6 --checkpoint p.npz  Ctrl-C, and on with the same command
@@ -162,6 +173,8 @@ COMMANDS = {
     "path": Command("follow the path in gamma on one mesh", (*BODY, "--checkpoint FILE", *PATH)),
     "study": Command("remake a table or figure of the paper, count, compare, measure", ()),
     "report": Command("write one HTML file about a saved run", ("run_file", "--out FILE")),
+    "limit": Command("the load that a body can never carry, between guaranteed bounds",
+                     ("body", "--width PART", "--max-cells N", "--json FILE", "--figures DIR")),
     "lab": Command("a live laboratory in the browser: drag loads, gaps, yield stress",
                    ("[example]", "--port N", "--no-browser"), "open_lab"),
     "notebooks": Command("copy the notebooks to a folder", ("folder", "--solutions", "--force")),

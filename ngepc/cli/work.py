@@ -23,8 +23,10 @@ from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.result import DualResult
 from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import Coupled
+from ngepc.limit.load import LimitRecord, limit_load
 from ngepc.model.problem import Problem
 from ngepc.pictures import live
+from ngepc.pictures.collapse import plot_bracket, plot_mechanism
 from ngepc.pictures.monitors import progress_line
 from ngepc.pictures.report import standard_figures, write_report
 from ngepc.pictures.style import save_figure
@@ -36,6 +38,7 @@ from ngepc.results.outcome import Status
 from ngepc.results.result import Result
 from ngepc.studies.examples import THRESHOLDS, TITLES, coarse_start, example, solved_by
 from ngepc.studies.large import indented_block
+from ngepc.studies.limit_problems import GROWING, LIMITS
 from ngepc.studies.work import Work
 
 FINGERPRINT = {"kind": "run of ngepc solve", "version": 3}
@@ -136,6 +139,57 @@ def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
     seconds = time.perf_counter() - begin
     solution = result.status.is_success and not hasattr(result, "regularisation")
     return result, seconds, error_bound(result).relative if solution else None
+
+
+def limit(args: argparse.Namespace) -> int:
+    """``ngepc limit``: the limit load of a problem, between guaranteed bounds."""
+    check_targets(args.json)
+    if args.figures is not None:
+        check_folder(args.figures)
+    report = reporter(args.quiet)
+    begin = time.perf_counter()
+
+    def note(mesh: LimitRecord) -> None:
+        width = f"{100 * mesh.relative_width:.3g} percent"
+        bounds = f"{mesh.lower:.6g} to {mesh.upper:.6g}"
+        report(f"{mesh.cells:6d} elements: {bounds}, {width}")
+
+    found = limit_load(
+        LIMITS[args.body](),
+        args.width,
+        GROWING.get(args.body),
+        max_cells=args.max_cells,
+        monitor=note,
+    )
+    record = {
+        "problem": args.body,
+        "status": found.status.label,
+        "lower": found.lower,
+        "upper": found.upper,
+        "relative_width": found.relative_width,
+        "growing": list(found.growing),
+        "meshes": [vars(mesh) for mesh in found.records],
+        "wall_time_s": time.perf_counter() - begin,
+        **records.provenance(),
+    }
+    if str(args.json) == "-":
+        sys.stdout.write(records.to_json(record))
+    else:
+        if not args.quiet:
+            sys.stdout.write(f"load factor at least  {found.lower:.10g}\n")
+            sys.stdout.write(f"and at most           {found.upper:.10g}\n")
+            sys.stdout.write(f"{found.message}\n")
+        if args.json is not None:
+            records.write_text(args.json, records.to_json(record))
+            name_written([args.json])
+    if args.figures is not None:
+        figures = {"bracket": plot_bracket(found)}
+        if found.problem.N == 2:
+            figures["mechanism"] = plot_mechanism(found)
+        for name, figure in figures.items():
+            path = args.figures / f"{args.body}_{name}.png"
+            name_written([save_figure(figure, path)])
+    return 0 if found.status.is_success else 1
 
 
 def load_run(path: Path) -> tuple[dict, Problem, GridFunction | DualResult]:

@@ -159,8 +159,12 @@ class LimitLoad:
     @cached_property
     def mesh(self) -> Mesh:
         """The last mesh, on which the fields live."""
-        length = np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max()
-        return mesh_of(self.last.data, self.problem.mesh, float(length))
+        return mesh_of(self.last.data, self.problem.mesh, self.length)
+
+    @property
+    def length(self) -> float:
+        """The extent of the body, the unit of length of ``last``."""
+        return float(np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max())
 
     @cached_property
     def mechanism(self) -> GridFunction | None:

@@ -14,6 +14,7 @@ from ngepc.pictures.stills import renderer
 from ngepc.pictures.style import Picture, save_figure, styled
 from ngepc.results.result import Result
 from ngepc.studies import contact_problems as contact
+from ngepc.studies import limit_problems as limits
 from ngepc.studies import solid_problems as solids
 from ngepc.studies.solid_problems import Quantity, Solved
 from ngepc.studies.work import Work, chosen
@@ -54,6 +55,9 @@ BENCHMARKS = {
         solids.hill, "R. Hill, The mathematical theory of plasticity, 1950", ""
     ),
     "Prandtl's punch": Benchmark(solids.prandtl, "(2 + pi) k", PEEQ),
+    "vertical cut": Benchmark(limits.cut_height, "Kammoun et al. 2010", ""),
+    "Prandtl's strip": Benchmark(limits.strip_pressure, "2 + pi", ""),
+    "SSNV124": Benchmark(limits.square_traction, "Code_Aster V6.04.124", ""),
     "step-42": Benchmark(contact.step42, "deal.II, documentation of step-42"),
     "NAFEMS R94": Benchmark(
         contact.r94, "Konter 2005; Code_Aster SSNP154", view=(20.0, 2000.0)

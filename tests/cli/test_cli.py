@@ -71,6 +71,21 @@ def test_solutions_come_with_a_guaranteed_bound_and_regularised_states_without(c
     )
 
 
+def test_limit_loads_by_the_command_line(tmp_path, capsys):
+    """20 / 3^(1/2) and the 3 aside; exit status 1 where the mesh may not become finer."""
+    assert main(["limit", "square", "--json", "-", "--quiet"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["lower"] == pytest.approx(20 / 3**0.5, rel=1e-6)
+    assert record["growing"] == ["contact"]
+    words = ["limit", "cut", "--max-cells", "60", "--figures", str(tmp_path)]
+    assert main(words) == 1
+    out, err = capsys.readouterr()
+    assert "a finer mesh, which is not allowed" in out
+    assert "elements: " in err
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"cut_bracket.png", "cut_mechanism.png"}
+
+
 def test_summary_names_mesh_unknowns_method_gamma_and_time(capsys):
     assert main(["solve", "lshape", "--nodes", "113", "--gamma", "1e3"]) == 0
     out, err = capsys.readouterr()
