@@ -66,7 +66,11 @@ OPTIONS = {
         location,
         "the result, - for standard output: ngepc.results.records.FIELDS",
     ),
-    "--method": (("default", "primal"), "default: default", "default"),
+    "--method": (
+        ("default", "primal"),
+        "the exact method, or a second one to check it",
+        "default",
+    ),
     "--gamma G": (positive, "of the paper's method"),
     "--start START": (
         str,
@@ -83,9 +87,9 @@ OPTIONS = {
         0.01,
     ),
     "--max-cells N": (count, "no mesh gets more elements, default 10000", 10_000),
-    "--error PART": (
+    "--error TOL": (
         positive,
-        "bisect the mesh until the energy error is at most this part",
+        "refine the mesh until the relative energy error is below TOL",
     ),
     "--tolerance X": (positive, "default 1e-10"),
     "--max-iterations N": (count, "default 300"),
@@ -168,7 +172,7 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "solve": Command("solve one problem on one mesh",
-                     (*BODY, "--method", "--gamma G", "--start START", "--error PART", *NEWTON,
+                     (*BODY, "--method", "--gamma G", "--start START", "--error TOL", *NEWTON,
                       "--save FILE", "--figures DIR")),
     "path": Command("follow the path in gamma on one mesh", (*BODY, "--checkpoint FILE", *PATH)),
     "study": Command("remake a table or figure of the paper, count, compare, measure", ()),

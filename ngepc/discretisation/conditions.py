@@ -217,7 +217,7 @@ def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarr
 
 
 def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
-    """Nodal displacements at the begin of the step, shape (nodes, N), zero if none are given."""
+    """Nodal displacements at the start of the step, shape (nodes, N), zero if none are given."""
     given = problem.initial_displacement
     space = supports.space
     if given is None:

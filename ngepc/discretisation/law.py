@@ -108,7 +108,7 @@ class Law(ABC):
 
     @property
     def beta(self) -> np.ndarray:
-        """The yield bound at the begin of the step (stress)."""
+        """The yield bound at the beginning of the step (stress)."""
         return self.resistance.beta
 
     @property

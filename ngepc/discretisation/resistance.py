@@ -33,11 +33,11 @@ class Resistance:
     Parameters
     ----------
     beta
-        beta(0), the yield bound at the begin of the step (stress).
+        beta(0), the yield bound at the beginning of the step (stress).
     isotropic
         The law of hardening with its data at the points; None for a bound that stays.
     accumulated
-        PEEQ at the begin of the step (1).
+        PEEQ at the beginning of the step (1).
     rate
         The law of the rate with its data at the points; None without.
     duration
@@ -97,13 +97,13 @@ class Resistance:
 
     @property
     def growth(self) -> np.ndarray:
-        """d beta(0) / d PEEQ at the begin of the step (stress), shape (points,)."""
+        """d beta(0) / d PEEQ at the beginning of the step (stress), shape (points,)."""
         if self.isotropic is None:
             return np.zeros_like(self.beta)
         return PEEQ * self.isotropic.slope(self.accumulated)
 
     def by_accumulated(self, gained: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of ``bound`` and ``energy`` by PEEQ at the begin, for the same beta(0)."""
+        """Derivatives of ``bound`` and ``energy`` by PEEQ at the start, for the same beta(0)."""
         if self.isotropic is None:
             return np.zeros_like(gained), np.zeros_like(gained)
         law = self.isotropic

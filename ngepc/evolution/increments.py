@@ -5,7 +5,7 @@ coarse one with one step where the fine one has two.  What they differ by at the
 estimates the error of the fine run there: with an error proportional to the length of the steps,
 coarse minus fine is the error of the fine run.  This is an estimate, no bound.
 
-Both runs start from the same state at the begin of the history and keep their own: errors that a
+Both runs start from the same state at the start of the history and keep their own: errors that a
 history forgets, as plasticity does, count only as long as they are there.
 """
 

@@ -196,7 +196,7 @@ class EvolutionStep:
 
     @property
     def problem(self) -> Problem:
-        """The problem of the step, with p_0 and alpha_0 as they were at its begin."""
+        """The problem of the step, with p_0 and alpha_0 as they were at its beginning."""
         return self.fields.problem
 
     @cached_property

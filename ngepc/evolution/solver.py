@@ -88,7 +88,7 @@ def evolve(
     Parameters
     ----------
     problem
-        The body, its supports and loads, and its state at the begin.
+        The body, its supports and loads, and its state at the beginning.
     steps
         A ``Schedule`` (``load_cycle`` makes one), or pairs (time, changes); the changes apply to
         ``problem``: (1.0, {'gap': 0.1}).  Pairs begin at time 0; ``Schedule.listed(pairs, begin)``

@@ -204,7 +204,7 @@ class ProblemData:
 
     @property
     def u_0(self) -> CoefficientFunction | None:
-        """Displacement at the begin of the step as a vector-valued coefficient, or None."""
+        """Displacement at the beginning of the step as a vector-valued coefficient, or None."""
         u_0 = self.initial_displacement
         return (
             None
@@ -236,7 +236,7 @@ class ProblemData:
 
     @property
     def accumulated_0(self) -> CoefficientFunction:
-        """PEEQ at the begin of the step, scalar."""
+        """PEEQ at the beginning of the step, scalar."""
         return as_scalar(self.initial_accumulated or 0.0)
 
     @property

@@ -262,7 +262,7 @@ def rigid_motions(x: np.ndarray) -> np.ndarray:
 
 
 def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
-    """The vertices of each part that hangs together by facets.
+    """The vertices of each part that is connected by facets.
 
     ``a`` and ``b`` are the pairs of elements that share a facet.
     """

@@ -47,7 +47,7 @@ Block = float | np.ndarray | tuple[Callable, Callable]
 class Data(dict):
     """Name -> change of an array of a time step, or the derivative by it; a missing one is zero.
 
-    At the points two_mu, bulk, hardening, beta (that at the begin of the step), radius (beta(g) for
+    At the points two_mu, bulk, hardening, beta (that at the start of the step), radius (beta(g) for
     the same g), hardened (int_0^g beta for the same g), gained (g), alpha_1, accumulated (PEEQ),
     kinematic (k), isotropic (k_1 H sigma_y), mean (the stress) and volume of shape (points,), back,
     initial, trial (s), p, stress and strain of shape (points, d).  load, springs, values, start

@@ -91,7 +91,7 @@ def _elastic_energy(state: State) -> Slope:
 
 
 def _dissipation(state: State) -> Slope:
-    """Int beta |p| with the yield bound at the begin of the step (force times length)."""
+    """Int beta |p| with the yield bound at the beginning of the step (force times length)."""
     beta = state.discrete.law.beta
     at = state.at
     points = state.discrete.points

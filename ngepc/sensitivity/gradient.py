@@ -122,7 +122,7 @@ def gradient(
         takes a fourth argument, contact pressure, that returns integrals of them.
     parameters
         Names such as ["hardening", "traction"], or name -> ``Direction``.  In a history a load or
-        gap changes in all steps, an initial plastic strain at the begin.
+        gap changes in all steps, an initial plastic strain at the beginning.
     step
         The time step of a history whose solution the functional is of.
 
