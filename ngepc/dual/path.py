@@ -154,9 +154,9 @@ def follow_path(
     store = PathStore(checkpoint, problem, spaces, options)
     newton = options.newton
     steps, kept = store.load()
-    blocks = LinearBlocks(own_copy(problem), spaces, newton.inverse)
+    blocks = LinearBlocks(own_copy(problem), spaces, newton.direct_solver)
     rules = Rules(options, blocks)
-    system = NewtonSystem(blocks, newton.inverse)
+    system = NewtonSystem(blocks, newton.direct_solver)
     functional = partial(DualFunctional, blocks, newton.quadrature_points)
     how = newton.linesearch, newton.max_iterations, newton_monitor
     last = DualResult.restored(functional(steps[-1].gamma), **kept) if steps else None

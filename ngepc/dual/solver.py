@@ -25,7 +25,7 @@ def solve_regularised(
 
     Arguments as of ``semismooth_newton``.
     """
-    if not isinstance(options.inverse, str):
+    if not isinstance(options.direct_solver, str):
         raise ValueError(
             f"inverse={options.inverse!r}: a direct solver is needed with gamma"
         )
@@ -33,7 +33,7 @@ def solve_regularised(
     require_instance("start", start, kinds, "a result of semismooth_newton or None")
     functional = prepared(problem, regularisation, options)
     aim = Tolerances(options.tolerance * functional.blocks.residual_unit)
-    system = NewtonSystem(functional.blocks, options.inverse)
+    system = NewtonSystem(functional.blocks, options.direct_solver)
     v = functional.blocks.H_vector()
     if start is not None:
         v = functional.carried(start.functional, start.v)
@@ -45,6 +45,6 @@ def prepared(
     problem: Problem, regularisation: Coupled, options: NewtonOptions
 ) -> DualFunctional:
     """J*_gamma of a regularised problem with its matrices assembled."""
-    blocks = LinearBlocks(problem, regularisation, options.inverse)
+    blocks = LinearBlocks(problem, regularisation, options.direct_solver)
     gammas = regularisation.gamma, regularisation.gamma_tichonov
     return DualFunctional(blocks, options.quadrature_points, *gammas)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -15,13 +16,14 @@ from ngepc.discretisation.prolongation import at_vertices
 from ngepc.discretisation.stiffness import Stiffness, by_moduli
 from ngepc.linalg.direct import require_solver
 from ngepc.local.active_set import InexactTarget
+from ngepc.local.choice import DIRECT, fastest_solver, solver_name
 from ngepc.local.iterative import Iterative, IterativeTangent
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import newton_iteration
-from ngepc.results.outcome import Monitor
+from ngepc.results.outcome import Monitor, Status
 from ngepc.results.result import DiscreteSolution
 
 COVERS = frozenset(
@@ -96,18 +98,20 @@ class RepeatedSolver:
     Parameters
     ----------
     tolerance, max_iterations, inverse
-        As in ``NewtonOptions``.
+        As in ``NewtonOptions``; with None for ``inverse`` the solver chooses for each body, and
+        where multigrid gives up factors take its place.
     """
 
     def __init__(
         self,
         tolerance: float = 1e-10,
         max_iterations: int = 300,
-        inverse: str | Iterative | SymbolicForms = "sparsecholesky",
+        inverse: str | Iterative | SymbolicForms | None = None,
     ) -> None:
         self.tolerance = tolerance
         self.max_iterations = max_iterations
         self.inverse = inverse
+        self._chosen = inverse
         self._discrete: DiscreteProblem | None = None
         self._tangent: Factors | IterativeTangent | None = None
 
@@ -135,14 +139,24 @@ class RepeatedSolver:
         discrete = state.discrete
         tangent = self._tangent
         if tangent is None or discrete.stiffness is not before.stiffness:
-            tangent = tangent_of(discrete, self.inverse)
+            given = self.inverse
+            self._chosen = fastest_solver(discrete) if given is None else given
+            tangent = tangent_of(discrete, self._chosen)
         self._discrete = discrete
         self._tangent = tangent if isinstance(tangent, Factors) else None
         target = None
         if isinstance(tangent, IterativeTangent):
             target = InexactTarget(discrete, tangent.forcing, self.tolerance)
         limits = self.tolerance, self.max_iterations
-        return newton_iteration(state, tangent, ExactResult, *limits, monitor, target)
+        made = partial(ExactResult, linear_solver=solver_name(self._chosen))
+        result = newton_iteration(state, tangent, made, *limits, monitor, target)
+        gave_up = target is not None and result.status is Status.NONFINITE
+        if gave_up and self.inverse is None and discrete.problem.processes.size == 1:
+            self._chosen = DIRECT
+            self._tangent = tangent = tangent_of(discrete, DIRECT)
+            made = partial(ExactResult, linear_solver=DIRECT)
+            result = newton_iteration(state, tangent, made, *limits, monitor)
+        return result
 
 
 def solve_exactly(
@@ -150,7 +164,7 @@ def solve_exactly(
     start: object | None,
     tolerance: float,
     max_iterations: int,
-    inverse: str | Iterative | SymbolicForms,
+    inverse: str | Iterative | SymbolicForms | None,
     monitor: Monitor | None,
 ) -> ExactResult:
     """Minimise J(u, p) of (2.14) over the discrete displacements with N u <= gaps.

@@ -27,8 +27,10 @@ class NewtonOptions(Declared):
     linesearch
         (D_gamma) ``Armijo()``, or None for full steps.
     inverse
-        NGSolve's name of a direct solver that does LDL^T, or, without gamma, ``PETSc()`` or
-        ``PyAMG()`` for large bodies, ``SymbolicForms()`` for tangents by NGSolve's form.
+        None chooses the fastest: factors for plane and small bodies, else multigrid, and the result
+        says which (``linear_solver``).  Or NGSolve's name of a direct solver that does LDL^T, or,
+        without gamma, ``PETSc()`` or ``PyAMG()`` for large bodies, ``SymbolicForms()`` for tangents
+        by NGSolve's form.
 
     Raises
     ------
@@ -40,7 +42,7 @@ class NewtonOptions(Declared):
     max_iterations: Count = 300
     quadrature_points: Annotated[int, Check(require_integer, least=1, most=900)] = 400
     linesearch: LineSearch | None = field(default_factory=Armijo)
-    inverse: Annotated[str | object, Check(require_solver)] = "sparsecholesky"
+    inverse: Annotated[str | object | None, Check(require_solver)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -48,3 +50,8 @@ class NewtonOptions(Declared):
             raise TypeError(
                 f"linesearch={self.linesearch!r}: Armijo(...) or None is needed"
             )
+
+    @property
+    def direct_solver(self) -> str | object:
+        """The linear solver of regularised problems: factors, by default NGSolve's own."""
+        return "sparsecholesky" if self.inverse is None else self.inverse

@@ -1,0 +1,59 @@
+"""The fastest linear solver for a body: factors for plane and small ones, else multigrid."""
+
+from __future__ import annotations
+
+from ngepc.local import petsc, pyamg
+from ngepc.local.iterative import Iterative
+from ngepc.local.system import DiscreteProblem
+from ngepc.model.elements import has_straight_simplices
+
+DIRECT = "sparsecholesky"
+
+MOST_BY_FACTORS = 5000
+MOST_BY_FACTORS_DENSE = 12000
+"""Free components of displacements up to which factors are faster in three dimensions, as measured;
+the second number is for elements of order 2 that are no tetrahedra, whose rows are long."""
+
+MOST_BY_FACTORS_TRESCA = 1000
+"""The same with Tresca's friction, under which the forces of all contact rows are unknowns."""
+
+DENSER = 1.5
+"""PyAMG's sweeps take so much longer than PETSc's: the body has to be so much larger."""
+
+
+def fastest_solver(body: DiscreteProblem) -> str | Iterative:
+    """What ``NewtonOptions(inverse=None)`` stands for.
+
+    Factors in the plane, where they grow little faster than the body, and for small bodies in
+    space.  Larger ones take multigrid: ``PETSc()`` where petsc4py is installed, else ``PyAMG()``.
+    Where processes share the mesh only PETSc covers it.
+    """
+    problem = body.problem
+    if problem.processes.size > 1:
+        return petsc.PETSc()
+    if problem.N == 2:
+        return DIRECT
+    fast = petsc.petsc is not None
+    most = most_by_factors(body) * (1.0 if fast else DENSER)
+    if int(body.free.sum()) <= most or not (fast or pyamg.pyamg is not None):
+        return DIRECT
+    return petsc.PETSc() if fast else pyamg.PyAMG()
+
+
+def most_by_factors(body: DiscreteProblem) -> float:
+    """Free components of displacements of a solid up to which PETSc takes longer than factors.
+
+    Where the body is nearly incompressible multigrid needs more iterations.
+    """
+    problem = body.problem
+    if body.contact.friction.given.any():
+        return MOST_BY_FACTORS_TRESCA
+    dense = problem.order == 2 and not has_straight_simplices(problem.mesh)
+    most = MOST_BY_FACTORS_DENSE if dense else MOST_BY_FACTORS
+    stiffest = float((body.law.bulk / body.law.two_mu).max())
+    return most * max(1.0, stiffest) ** (1 / 3)
+
+
+def solver_name(inverse: object) -> str:
+    """How results call a linear solver."""
+    return inverse if isinstance(inverse, str) else type(inverse).__name__
