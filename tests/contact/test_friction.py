@@ -242,7 +242,7 @@ def test_the_condition_for_one_solution_is_an_eigenvalue():
 def test_small_coefficients_need_no_search(cells, mu, monkeypatch):
     """The condition holds on every mesh, and other equilibria are not looked for."""
     monkeypatch.setattr(FrictionCone, "rival", None)
-    assert solved(pressed(cells, Coulomb(mu))).message == ""
+    assert "Friction" not in solved(pressed(cells, Coulomb(mu))).message
 
 
 def pressed(cells, friction, gap=-0.02, order=1):

@@ -30,6 +30,7 @@ def test_plane_and_small_bodies_take_factors():
 def test_large_solids_take_multigrid(friction, monkeypatch):
     """The same solution, whatever was chosen, and the result says what."""
     monkeypatch.setattr(choice, "MOST_BY_FACTORS", 500)
+    monkeypatch.setattr(choice, "MOST_BY_FACTORS_TRESCA", 500)
     problem = cube(6, friction=friction)
     chosen = semismooth_newton(problem)
     expected = "PyAMG" if petsc.petsc is None else "PETSc"
