@@ -19,6 +19,9 @@ from ngepc.bounds.goal_terms import MeanDisplacement as MeanDisplacement
 from ngepc.bounds.goals import Between as Between
 from ngepc.bounds.goals import contact_force_bracket as contact_force_bracket
 from ngepc.bounds.goals import displacement_bracket as displacement_bracket
+from ngepc.bounds.verdicts import Verdict as Verdict
+from ngepc.bounds.verdicts import confidence as confidence
+from ngepc.bounds.verdicts import verdict as verdict
 from ngepc.dual.duality import duality_report as duality_report
 from ngepc.dual.path import PathOptions as PathOptions
 from ngepc.dual.path import follow_path as follow_path

@@ -12,6 +12,9 @@ import numpy as np
 from ngsolve import Mesh
 
 from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state
+from ngepc.bounds.data import BoundData
+from ngepc.bounds.goal_bound import COVERS as GOALS
+from ngepc.bounds.goal_bound import GoalBound, GoalProblem
 from ngepc.bounds.transfer import bisected_to, carried_state, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
@@ -20,6 +23,7 @@ from ngepc.discretisation.factors import Factors
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.outcome import IterationRecord, Status
@@ -30,6 +34,7 @@ ALGEBRAIC_SHARE = 0.1  # Newton's part of the bound that ends the iteration on a
 # Newton pauses at a step that lowers the energy by less than this part of the last bound
 SMALL_STEP = 0.1
 FEWER = 0.45  # nodes of a mesh over those of the next one, about
+LEAST_LEFT = 1e-6  # smallest part of an error that steps are planned to
 AIM = 0.97  # part of the error asked for that meshes are made for: expectations are not exact
 TOLERANCE = 1e-10  # the residual at which Newton stops if no small step stops it before
 # how Newton's method ends where refinement goes on
@@ -68,6 +73,8 @@ class MeshRecord:
         Vertices of the mesh and Newton steps on it.
     energy, total, algebraic, relative
         J(u) and what ``ErrorBound`` says.
+    lower, upper
+        The interval of the goal; NaN without one.
     """
 
     nodes: int
@@ -76,6 +83,8 @@ class MeshRecord:
     total: float
     algebraic: float
     relative: float
+    lower: float = math.nan
+    upper: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +100,9 @@ class BoundedResult:
     records
         One record for each mesh.
     message
-        Why it ended before ``bound.relative <= asked``; empty if it did not.
+        Why it ended before what was asked for was reached; empty if it did not.
+    goal
+        The interval of the goal on the last mesh; None without a goal.
     """
 
     result: ExactResult
@@ -99,11 +110,17 @@ class BoundedResult:
     asked: float
     records: list[MeshRecord]
     message: str
+    goal: GoalBound | None = None
+
+    @property
+    def found(self) -> float:
+        """What ``asked`` is compared with: the relative error of the energy, or of the goal."""
+        return self.bound.relative if self.goal is None else self.goal.percent / 100
 
     @property
     def reached(self) -> bool:
-        """Whether the bound is below what was asked for."""
-        return self.bound.relative <= self.asked
+        """Whether it is below what was asked for."""
+        return self.found <= self.asked
 
     @property
     def iterations(self) -> int:
@@ -111,9 +128,7 @@ class BoundedResult:
         return sum(record.iterations for record in self.records)
 
     def __repr__(self) -> str:
-        found = (
-            f"relative error at most {self.bound.relative:.3g}, {self.asked:g} asked"
-        )
+        found = f"relative error at most {self.found:.3g}, {self.asked:g} asked"
         meshes = f"{len(self.records)} meshes, {self.records[-1].nodes} nodes"
         return f"<BoundedResult: {found}, {meshes}>"
 
@@ -127,8 +142,11 @@ def solve_to(
     relative_error: float = 0.01,
     options: Refinement | None = None,
     monitor: Callable[[MeshRecord], None] | None = None,
+    *,
+    goal: object = None,
+    percent: float = 1.0,
 ) -> BoundedResult:
-    """Solve to a guaranteed relative error of the energy.
+    """Solve to a guaranteed relative error of the energy, or of a force or displacement.
 
     Parameters
     ----------
@@ -140,6 +158,11 @@ def solve_to(
         Marking and limits.
     monitor
         Called with the record of each mesh; raising StopIteration ends the run.
+    goal
+        A goal of ``goal_bound``: meshes follow its indicators until half the width of its interval
+        is at most ``percent`` percent of its middle, and ``relative_error`` does not count.
+    percent
+        The percentage, > 0.
 
     Raises
     ------
@@ -148,6 +171,10 @@ def solve_to(
     """
     require_instance("problem", problem, Problem, "a Problem")
     require_number("relative_error", relative_error, SMALLEST_ERROR, below=1)
+    require_number("percent", percent, 0, strict=True)
+    asked = relative_error if goal is None else percent / 100
+    if goal is not None:
+        require_covered(problem, "a goal", GOALS)
     require_function("monitor", monitor, "a record", optional=True)
     options = Refinement() if options is None else options
     require_instance("options", options, Refinement, "Refinement(...)")
@@ -156,9 +183,15 @@ def solve_to(
     state = starting_state(DiscreteProblem(problem), None)
     small = 0.0
     while True:
-        result, bound, steps = solved(state, small, options)
+        result, bound, steps, setting = solved(state, small, options)
+        wanted = None
+        between = ()
+        if goal is not None:
+            wanted = GoalProblem.of_bound(setting, bound).bound_of(goal)
+            between = wanted.interval
+        error = bound.relative if wanted is None else wanted.percent / 100
         parts = (bound.energy, bound.total, bound.algebraic, bound.relative)
-        records.append(MeshRecord(result.problem.mesh.nv, steps, *parts))
+        records.append(MeshRecord(result.problem.mesh.nv, steps, *parts, *between))
         log.info(
             "nodes:%(nodes)6d energy:%(energy).8e bound:%(total).2e", vars(records[-1])
         )
@@ -171,8 +204,10 @@ def solve_to(
         else:
             if result.status not in SOLVED:
                 message = result.ending or result.status.value
-            elif bound.relative > relative_error:
-                mesh, parents = next_mesh(bound, relative_error, options)
+            elif error > asked:
+                per_cell = bound.per_cell if wanted is None else wanted.per_cell
+                finer = next_mesh(bound.problem.mesh, per_cell, asked / error, options)
+                mesh, parents = finer
                 if mesh.nv <= options.max_nodes:
                     discrete = DiscreteProblem(on_mesh(result.problem, mesh, parents))
                     state = carried_state(result, discrete, parents)
@@ -181,25 +216,25 @@ def solve_to(
                 message = (
                     f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
                 )
-        return BoundedResult(result, bound, relative_error, records, message)
+        return BoundedResult(result, bound, asked, records, message, wanted)
 
 
 def next_mesh(
-    bound: ErrorBound, asked: float, options: Refinement
+    mesh: Mesh, per_cell: np.ndarray, left: float, options: Refinement
 ) -> tuple[Mesh, np.ndarray]:
-    """The mesh after that of a bound, in steps of equal size to the relative error asked for.
+    """The mesh after one with these indicators, in steps of equal size to what shall be left.
 
     With the parents of its elements, see ``transfer``.
     """
-    mesh = bound.problem.mesh
-    wanted = AIM * asked / bound.relative
+    wanted = AIM * max(left, LEAST_LEFT)
     meshes = max(1, round(math.log(wanted) / (2 / mesh.dim * math.log(FEWER))))
-    return bisected_to(mesh, bound.per_cell, options.marking, wanted ** (1 / meshes))
+    part = wanted ** (1 / meshes)
+    return bisected_to(mesh, np.maximum(per_cell, 0.0), options.marking, part)
 
 
 def solved(
     state: State, small: float, options: Refinement
-) -> tuple[ExactResult, ErrorBound, int]:
+) -> tuple[ExactResult, ErrorBound, int, BoundData]:
     """Newton steps on one mesh until their part of the bound is small, and their number.
 
     They pause at a step that lowers the energy by less than a ``small`` amount.
@@ -224,7 +259,7 @@ def solved(
         )
         bound = bound_of_state(setting, result.state, tangent)
         if not paused:
-            return result, bound, steps
+            return result, bound, steps, setting
         # no step removes what it costs to clear the obstacle between the nodes
         left = bound.algebraic - (bound.state.energy - result.primal_energy)
         if left <= ALGEBRAIC_SHARE * bound.total:
@@ -232,6 +267,7 @@ def solved(
             ending = (
                 f"Newton's part of the error bound is {part:.1e} after {steps} steps."
             )
-            return replace(result, status=Status.BOUNDED, ending=ending), bound, steps
+            ended = replace(result, status=Status.BOUNDED, ending=ending)
+            return ended, bound, steps, setting
         state = result.state
         small = small / 30

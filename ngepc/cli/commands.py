@@ -91,6 +91,11 @@ OPTIONS = {
         positive,
         "refine the mesh until the relative energy error is below TOL",
     ),
+    "--goal NAME": (
+        ("contact_force", "work"),
+        "bisect the mesh until this number is guaranteed to --percent",
+    ),
+    "--percent P": (positive, "half the width of the goal's interval, default 1"),
     "--tolerance X": (positive, "default 1e-10"),
     "--max-iterations N": (count, "default 300"),
     "--save FILE": (location, "keep the run in a .npz file"),
@@ -144,6 +149,7 @@ ngepc solve lshape                               the default method on 833 nodes
 ngepc solve wrench --nodes 6353 --figures out    with pictures
 ngepc solve lshape --gamma 1e4 --start coarse    the paper's method, as in Table 1
 ngepc solve lshape --error 1e-2                  refine until the error is guaranteed
+ngepc solve lshape --goal contact_force          refine until the force is, to 1 percent
 ngepc solve lshape --save run.npz                keep it for the next one
 ngepc limit cut --width 0.005 --figures out      when a cut collapses, guaranteed
 ngepc report run.npz                             pictures, numbers, a view to turn and zoom
@@ -172,7 +178,8 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "solve": Command("solve one problem on one mesh",
-                     (*BODY, "--method", "--gamma G", "--start START", "--error TOL", *NEWTON,
+                     (*BODY, "--method", "--gamma G", "--start START", "--error TOL",
+                      "--goal NAME", "--percent P", *NEWTON,
                       "--save FILE", "--figures DIR")),
     "path": Command("follow the path in gamma on one mesh", (*BODY, "--checkpoint FILE", *PATH)),
     "study": Command("remake a table or figure of the paper, count, compare, measure", ()),

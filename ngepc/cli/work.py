@@ -61,10 +61,16 @@ def solve(args: argparse.Namespace) -> int:
     others += ["--method primal"] * (args.method == "primal") + ["--start"] * (
         args.start != "zero"
     )
+    if args.goal is not None and args.error is not None:
+        others.append("--goal")
+    if args.percent is not None and args.goal is None:
+        raise ValueError(f"--percent {args.percent:g}: --goal is needed with it")
     if others and args.error is not None:
         raise ValueError(
             f"--error {args.error:g} and {others[0]}: leave one of them out"
         )
+    if others and args.goal is not None:
+        raise ValueError(f"--goal {args.goal} and {others[0]}: leave one of them out")
     check_targets(args.json, args.save)
     if args.figures is not None:
         check_folder(args.figures)
@@ -110,6 +116,17 @@ def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
     report = reporter(args.quiet)
     problem = example(args.problem, args.nodes, args.maxh)
     begin = time.perf_counter()
+    if args.goal is not None:
+        percent = 1.0 if args.percent is None else args.percent
+        bounded = solve_to(problem, goal=args.goal, percent=percent, monitor=lambda mesh: report(
+            f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: {args.goal} between "
+            f"{mesh.lower:.6g} and {mesh.upper:.6g}"))  # fmt: skip
+        report(str(bounded.goal))
+        result = bounded.result
+        seconds = time.perf_counter() - begin
+        if result.status.is_success and not bounded.reached:
+            result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)
+        return result, seconds, bounded.bound.relative
     if args.error is not None:
         bounded = solve_to(problem, args.error, monitor=lambda mesh: report(
             f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: energy error at most "

@@ -312,7 +312,8 @@ class _Run:
         """Go on with a finer mesh and the history on it; or why not."""
         old = bound.problem.mesh
         most = self.refinement.max_nodes
-        mesh, parents = next_mesh(bound, self.error, self.refinement)
+        part = self.error / bound.relative
+        mesh, parents = next_mesh(old, bound.per_cell, part, self.refinement)
         share = f"{bound.relative:.2g}"
         asked = f"{self.error:g}"
         told = f"the energy error may be {share} on {old.nv} nodes, asked {asked}"

@@ -1,0 +1,182 @@
+"""Answers: does a number keep a limit, and how far can a result be believed."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+from ngsolve import Mesh
+
+from ngepc.bounds.adaptive import BoundedResult, MeshRecord, Refinement, solve_to
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.goal_bound import GoalBound
+from ngepc.checks.arguments import require_number
+from ngepc.local.solver import solve_exactly
+from ngepc.model.problem import Problem
+
+PASS = "PASS"
+FAIL = "FAIL"
+UNDECIDED = "UNDECIDED"
+FINEST = 1e-4
+"""The percentage that meshes are made for: it is not reached, the limit decides before."""
+TOLERANCE = 1e-9
+MOST_STEPS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """Whether a number keeps a limit.
+
+    Parameters
+    ----------
+    outcome
+        "PASS", "FAIL" or "UNDECIDED".
+    goal
+        The interval that decided, or was reached.
+    run
+        The meshes that were needed.
+    """
+
+    outcome: str
+    goal: GoalBound
+    run: BoundedResult = field(repr=False)
+    sentence: str
+
+    def __str__(self) -> str:
+        return f"{self.outcome}: {self.sentence}"
+
+
+def verdict(
+    problem: Problem,
+    goal: object,
+    *,
+    at_most: float | None = None,
+    at_least: float | None = None,
+    options: Refinement | None = None,
+    seconds: float = 60.0,
+) -> Verdict:
+    """Whether a force or a displacement of the continuous solution keeps a limit.
+
+    Meshes follow the goal until its interval lies on one side of the limit.
+
+    Parameters
+    ----------
+    problem, goal
+        As for ``solve_to``.
+    at_most, at_least
+        The limit: one of them.
+    options
+        Marking and limits of the meshes.
+    seconds
+        No new mesh is begun after so many.
+
+    Returns
+    -------
+    Verdict
+        PASS where all of the interval keeps the limit, FAIL where none of it does, UNDECIDED where
+        the limit still lies in it.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As ``solve_to``, and unless one limit is given.
+    """
+    if (at_most is None) == (at_least is None):
+        raise ValueError(
+            f"at_most={at_most!r}, at_least={at_least!r}: one of them is needed"
+        )
+    above = at_least is None
+    name = "at_most" if above else "at_least"
+    limit = at_most if above else at_least
+    require_number(name, limit)
+    require_number("seconds", seconds, 0, strict=True)
+    begin = time.perf_counter()
+
+    def decided(record: MeshRecord) -> None:
+        """End the run at a mesh whose interval leaves the limit out."""
+        late = time.perf_counter() - begin > seconds
+        if late or not record.lower <= limit <= record.upper:
+            raise StopIteration
+
+    run = solve_to(problem, options=options, monitor=decided, goal=goal, percent=FINEST)
+    found = run.goal
+    outcome = UNDECIDED
+    if found.upper <= limit:
+        outcome = PASS if above else FAIL
+    if found.lower >= limit:
+        outcome = FAIL if above else PASS
+    words = name.replace("_", " ")
+    sentence = f"{found}, asked {words} {limit:g}"
+    return Verdict(outcome, found, run, sentence)
+
+
+def confidence(result: object) -> str:
+    """One line: how far the energy of a result is from that of the continuous problem.
+
+    A guaranteed bound where there is one, else an estimate by another order or by one refinement
+    of the mesh, which costs one more solve.
+
+    Parameters
+    ----------
+    result
+        What a solver of a ``Problem`` returned.
+
+    Raises
+    ------
+    TypeError
+        If ``result`` is none.
+    """
+    problem = getattr(result, "problem", None)
+    if not isinstance(problem, Problem):
+        raise TypeError(f"result={result!r}: a result with a displacement is needed")
+    try:
+        bound = error_bound(result)
+    except (ValueError, RuntimeError) as error:
+        return _estimated(result, problem, str(error))
+    percent = 100 * bound.relative
+    if bound.guaranteed:
+        return f"Guaranteed: the energy error is at most {percent:.2g} percent."
+    return (
+        f"Bounded from samples: the energy error is at most {percent:.2g} percent. "
+        f"{bound.message}"
+    )
+
+
+def _estimated(result: object, problem: Problem, reason: str) -> str:
+    """The estimate, and why there is no bound."""
+    ways = {"another order": _other_order, "one refinement": _refined}
+    failures = []
+    for name, made in ways.items():
+        try:
+            other = made(problem)
+            if other is None:
+                continue
+            solved = solve_exactly(
+                other, None, TOLERANCE, MOST_STEPS, "sparsecholesky", None
+            )
+        except (ValueError, RuntimeError) as error:
+            failures.append(str(error))
+            continue
+        if not solved.status.is_success:
+            failures.append(solved.status.value)
+            continue
+        size = abs(solved.primal_energy)
+        change = abs(result.primal_energy - solved.primal_energy)
+        percent = 100 * change / size if size else 0.0
+        return (
+            f"Estimate by {name}, not guaranteed: the energy changes by {percent:.2g} percent. "
+            f"No bound: {reason}"
+        )
+    return f"No estimate: {'; '.join(failures)}. No bound: {reason}"
+
+
+def _other_order(problem: Problem) -> Problem | None:
+    """The problem with order two; None where it has that."""
+    return replace(problem, order=2) if problem.order == 1 else None
+
+
+def _refined(problem: Problem) -> Problem:
+    """The problem on a mesh that is refined once."""
+    finer = Mesh(problem.mesh.ngmesh.Copy())
+    finer.Refine()
+    return replace(problem, mesh=finer)

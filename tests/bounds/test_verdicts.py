@@ -1,0 +1,97 @@
+"""Meshes that follow a goal, verdicts about limits, and one line of confidence."""
+
+from dataclasses import replace
+
+import pytest
+from ngsolve import x
+
+from ngepc import (
+    Coulomb,
+    Material,
+    Problem,
+    confidence,
+    semismooth_newton,
+    solve_to,
+    verdict,
+)
+from ngepc.geometries import block
+from ngepc.studies.examples import example
+
+MATERIAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
+)
+FORCE = 2.7417
+"""The contact force of Example (a), from order two on 6273 nodes."""
+
+
+def test_one_percent_of_the_force_is_cheap():
+    solved = solve_to(
+        replace(example("lshape", 225), order=2), goal="contact_force", percent=1
+    )
+    assert solved.reached
+    assert solved.goal.percent <= 1
+    assert solved.goal.lower <= FORCE <= solved.goal.upper
+    assert solved.result.problem.mesh.nv <= 500
+    assert solved.records[-1].lower == solved.goal.lower
+
+
+def test_meshes_follow_the_goal():
+    """The marked cells are those with the indicators: the intervals shrink."""
+    solved = solve_to(
+        replace(example("lshape", 225), order=1), goal="work", percent=2.0
+    )
+    widths = [record.upper - record.lower for record in solved.records]
+    assert widths == sorted(widths, reverse=True)
+    assert solved.found == solved.goal.percent / 100
+
+
+@pytest.mark.parametrize(
+    ("limits", "outcome"),
+    [
+        ({"at_most": 2.9}, "PASS"),
+        ({"at_most": 2.6}, "FAIL"),
+        ({"at_least": 2.6}, "PASS"),
+        ({"at_least": 2.9}, "FAIL"),
+    ],
+)
+def test_verdicts(limits, outcome):
+    problem = replace(example("lshape", 225), order=2)
+    found = verdict(problem, "contact_force", **limits)
+    assert found.outcome == outcome
+    assert str(found).startswith(outcome)
+
+
+def test_a_limit_at_the_value_is_undecided():
+    problem = replace(example("lshape", 225), order=2)
+    found = verdict(problem, "contact_force", at_most=FORCE, seconds=1e-6)
+    assert found.outcome == "UNDECIDED"
+
+
+def test_one_limit_is_needed():
+    with pytest.raises(ValueError, match="at_most"):
+        verdict(example("lshape", 33), "contact_force")
+
+
+def square(**data):
+    return Problem(block.mesh(0.4, (1.0, 0.7)), MATERIAL, **data)
+
+
+@pytest.mark.parametrize(
+    ("problem", "word"),
+    [
+        (lambda: square(traction={"contact": (0.0, -1.0)}), "Guaranteed"),
+        (lambda: square(traction={"contact": (0.0, -1 / (1 + x))}), "Bounded from"),
+        (
+            lambda: square(contact="contact", gap=-0.01, friction=Coulomb(0.3)),
+            "Estimate by one refinement",
+        ),
+        (
+            lambda: square(
+                contact="contact", gap=-0.01, friction=Coulomb(0.3), order=1
+            ),
+            "Estimate by another order",
+        ),
+    ],
+)
+def test_every_problem_has_its_line(problem, word):
+    assert confidence(semismooth_newton(problem())).startswith(word)
