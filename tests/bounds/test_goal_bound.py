@@ -91,7 +91,7 @@ def test_no_strain_exceeds_the_supremum(d, hardening):
         most, _ = suprema(points.at, points.tau, points.sigma, points.strain, factor)
         best = np.full(len(most), -np.inf)
         where = np.zeros((len(most), d + 1))
-        for round_ in range(1200):
+        for round_ in range(2500):
             step = 10 ** rng.uniform(-6, 0, (len(most), 1))
             trial = step * rng.normal(size=where.shape)
             if round_ > 400:
