@@ -2,7 +2,7 @@
 
 import warnings
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +80,6 @@ class Foreign(Work):
 
     beds: Path = Path("out/beds")
     nodes: int = 4000
-    known: dict = field(default_factory=dict)
 
     name, title = "foreign", "Files that others have written"
     columns = """ = {bed} | files = {files} | not read = {unread} | without a body = {other}
@@ -104,9 +103,12 @@ class Foreign(Work):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             try:
-                return kind | self.judged(path)
+                found = self.judged(path)
             except Exception as error:  # what this campaign looks for
-                return kind | {"outcome": "raw", "sentence": repr(error)}
+                found = {"outcome": "raw", "sentence": repr(error)}
+        if "sentence" in found:
+            found["sentence"] = found["sentence"].replace(f"{self.beds}/", "")
+        return kind | found
 
     def judged(self, path):
         """What becomes of one file."""
