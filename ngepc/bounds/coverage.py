@@ -89,10 +89,10 @@ def check_covered(problem: Problem) -> None:
         "initial_hardening (alpha_2)": None
         if problem.initial_hardening is None
         else back,
-        "initial_accumulated": problem.initial_accumulated,
         "initial_strain": problem.initial_strain,
     }
     if material.law is not None:
+        coefficients["initial_accumulated"] = problem.initial_accumulated
         data = enumerate(material.law.data)
         coefficients |= {f"material.law (datum {k})": value for k, value in data}
     for name, value in coefficients.items():
@@ -144,7 +144,6 @@ def sampled_data(problem: Problem) -> list[str]:
         "initial_plastic_strain": problem.initial_plastic_strain,
         "initial_hardening": problem.initial_hardening,
         "initial_displacement": problem.initial_displacement,
-        "initial_accumulated": problem.initial_accumulated,
         "initial_strain": problem.initial_strain,
         "material.law": [] if material.law is None else material.law.data,
         "prescribed": [value for *_, value in problem.held],
