@@ -98,14 +98,14 @@ class Schedule:
             If there are no pairs, or the times do not increase from ``begin``.
         """
         try:
-            pairs = [(time, changes) for time, changes in pairs]
+            steps = [(time, changes) for time, changes in pairs]
         except (TypeError, ValueError):
             needed = "a Schedule or pairs (time, changes) are needed"
             raise TypeError(f"steps={pairs!r}: {needed}") from None
-        if not pairs:
+        if not steps:
             raise ValueError(f"steps={pairs!r}: at least one step is needed")
-        times = numbers_in("times", [time for time, _ in pairs])
-        changes = Listed(zip(times, (changes for _, changes in pairs), strict=True))
+        times = numbers_in("times", [time for time, _ in steps])
+        changes = Listed(zip(times, (changes for _, changes in steps), strict=True))
         if begin is None:
             begin = 0.0 if times[0] > 0 else None
         return cls(times, changes, begin)

@@ -33,7 +33,7 @@ from ngepc.checks.declared import (
 from ngepc.checks.kinds import require_instance
 from ngepc.model.hardening import HardeningLaw
 from ngepc.model.tensile import PEEQ as PEEQ
-from ngepc.model.tensile import kinematic_share_of, lame_parameters, plastic_data
+from ngepc.model.tensile import elastic_data, kinematic_share_of, plastic_data
 from ngepc.model.viscosity import RateLaw
 
 RATE = {"kind": RateLaw, "needed": "a RateLaw such as Norton(...)"}
@@ -132,7 +132,7 @@ class Material(Declared):
             "plastic_modulus": plastic_modulus,
             "curve": curve,
         }
-        lame_lambda, lame_mu = lame_parameters(young, poisson)
+        lame_lambda, lame_mu = elastic_data(young, poisson)
         share = kinematic_share_of(kind, kinematic_share)
         data = plastic_data(young, yield_stress, ways, share)
         metal = cls(lame_lambda=lame_lambda, lame_mu=lame_mu, rate=rate, **data)

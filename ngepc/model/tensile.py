@@ -30,18 +30,23 @@ ELASTIC = (
 )
 
 
-def lame_parameters(
-    young: Coefficient, poisson: Coefficient
-) -> tuple[Coefficient, Coefficient]:
+def lame_parameters(young: float, poisson: float) -> tuple[float, float]:
     """(lambda, mu) from Young's modulus > 0 and Poisson's ratio in (-1, 1/2), in three dimensions.
-
-    Both are numbers or scalar coefficients; ranges of coefficients are checked by ``Problem``.
 
     Raises
     ------
     TypeError, ValueError
         If a value is out of its range.
     """
+    require_number("young", young, 0, strict=True)
+    require_number("poisson", poisson, -1, strict=True, below=0.5)
+    return elastic_data(young, poisson)
+
+
+def elastic_data(
+    young: Coefficient, poisson: Coefficient
+) -> tuple[Coefficient, Coefficient]:
+    """``lame_parameters`` of numbers or scalar coefficients, whose ranges ``Problem`` checks."""
     E = require_datum("young", young, 0, strict=True)
     nu = require_datum("poisson", poisson)
     if is_number(nu):

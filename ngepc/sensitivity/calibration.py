@@ -205,7 +205,7 @@ def _checked(
     """Names of material constants with positive guesses, and curves that have as many values."""
     require_mapping("start", start, "material constant -> first guess")
     for name, guess in start.items():
-        if name not in MATERIAL and not name.startswith(OF_LAW):
+        if name not in MATERIAL and not str(name).startswith(OF_LAW):
             legal = ", ".join(MATERIAL)
             raise ValueError(
                 f"start names {name!r}: one of {legal}, law.<datum> is needed"

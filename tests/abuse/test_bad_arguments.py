@@ -38,6 +38,7 @@ from ngepc import (
     FullProduct,
     Material,
     NewtonOptions,
+    Norton,
     PathOptions,
     Point,
     PrimalOptions,
@@ -142,9 +143,15 @@ USES = {
             "initial_strain": NUMBERS | {"a coefficient of nine"},
         },
     ),
-    "Material": Use(Material, STEEL, {"law": NOTHING}),
+    "Material": Use(Material, STEEL, {"law": NOTHING, "rate": NOTHING}),
     "Voce": Use(Voce, {"yield_stress": 1.0, "saturation": 1.0, "rate": 1.0}),
     "Swift": Use(Swift, {"yield_stress": 1.0, "offset": 1.0, "exponent": 1.0}),
+    "Norton": Use(Norton, {"overstress": 1.0}),
+    "plot_material": Use(
+        ngepc.plot_material,
+        {"materials": Material(**STEEL)},
+        {"strain": NOTHING | {"a fraction"}},
+    ),
     "material_point": Use(ngepc.material_point, {"material": Material(**STEEL)}),
     "Tabulated": Use(Tabulated, {"plastic_strain": [0], "stress_there": [1.0]}),
     "Coulomb": Use(Coulomb, {"coefficient": 0.3}),
@@ -305,7 +312,7 @@ def test_every_public_callable_is_here():
     returned = {
         "Between", "BoundedResult", "Calibration", "DualResult", "ErrorBound", "Evolution",
         "ExactResult", "Gradient", "HardeningLaw", "Kinematics", "PathResult", "PointHistory",
-        "PrimalResult", "SolverError", "Status", "TangentResult",
+        "PrimalResult", "RateLaw", "SolverError", "Status", "TangentResult",
     }  # fmt: skip
     rest = {n for n in ngepc.__all__ if not n.startswith("_")} - set(USES)
     assert rest == returned | STILL_UNCHECKED
