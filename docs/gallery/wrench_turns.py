@@ -22,7 +22,7 @@ LOAD, CORNERS, END = 1.1, (1, -1, 1, 0), (8.0, 1.5)
 def main(out: Path, coarse: bool = False) -> str:
     """Compare the spring-back with the elastic displacement, and both methods."""
     problem = wrench_problem(wrench.paper_mesh(437 if coarse else 1641))
-    steps = 3 if coarse else 6
+    steps = 3 if coarse else 12
     path = load_cycle(problem, [LOAD * c for c in CORNERS], steps)
     history = evolve(problem, path).raise_for_status()
     witness = evolve(problem, path, primal_newton).raise_for_status()
@@ -38,9 +38,7 @@ def main(out: Path, coarse: bool = False) -> str:
 
     def curves(axes):
         plain(
-            axes,
-            "displacement of the handle's end less the elastic one (length)",
-            "load factor",
+            axes, "plastic part of the displacement of the handle's end", "load factor"
         )
         axes.plot(
             [0, *(u - elastic * factors)], [0, *(LOAD * factors)], ".-", markersize=5
