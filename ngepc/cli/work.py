@@ -220,16 +220,30 @@ def load_run(path: Path) -> tuple[dict, Problem, GridFunction | DualResult]:
             f"{path}: no such run; make one by ngepc solve ... --save {path}"
         )
     stored = checkpoint.load(path, FINGERPRINT)
+    try:
+        return _restored(path, stored)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(
+            f"checkpoint {path} is damaged ({type(error).__name__}: {error}): move it away"
+        ) from error
+
+
+def _restored(
+    path: Path, stored: checkpoint.Checkpoint
+) -> tuple[dict, Problem, GridFunction | DualResult]:
+    """What ``load_run`` returns, of what the file holds."""
     kept = stored.record
-    state = stored.arrays["state"]
     problem = example(**kept["place"])
     record = kept["record"]
     if record["method"] != "paper":
         u = GridFunction(displacement_space(problem))
-        u.vec.FV().NumPy()[:] = state
+        values = u.vec.FV().NumPy()
+        values[:] = checkpoint.array_of(path, stored.arrays, "state", len(values))
         return record, problem, u
     functional = prepared(problem, Coupled(record["gamma"]), NewtonOptions())
     status = Status[record["status"].upper()]
+    size = len(functional.blocks.H_vector())
+    state = checkpoint.array_of(path, stored.arrays, "state", size)
     rows = kept["history"]
     return record, problem, DualResult.restored(functional, state, status, rows)
 

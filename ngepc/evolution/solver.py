@@ -34,6 +34,7 @@ from ngepc.evolution.result import (
 from ngepc.local.solver import RepeatedSolver
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
+from ngepc.results.checkpoint import array_of
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Status
 from ngepc.results.result import DiscreteSolution, Result
@@ -214,8 +215,9 @@ class _Run:
             p = functions.function(
                 np.zeros((len(functions.points), problem.kinematics.d))
             )
-            for function, values in ((u, arrays["u"]), (p, arrays["p"])):
-                function.vec.FV().NumPy()[:] = values
+            for function, name in ((u, "u"), (p, "p")):
+                values = function.vec.FV().NumPy()
+                values[:] = array_of(file.path, arrays, name, len(values))
             fields = Fields(problem, u, p)
             self._append(EvolutionStep(fields, StepRecord(**row), arrays["contact"]))
         self.pending = pending if steps else self.pending

@@ -87,6 +87,19 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
     return Checkpoint(record, arrays)
 
 
+def array_of(path: Path, arrays: Mapping, name: str, size: int) -> np.ndarray:
+    """A stored array of so many finite real numbers; a ValueError with the file's name if not."""
+    found = arrays.get(name)
+    legal = found is not None and found.dtype == float and found.shape == (size,)
+    if not legal or not np.isfinite(found).all():
+        told = "is missing" if found is None else f"is {found.dtype} {found.shape}"
+        raise ValueError(
+            f"checkpoint {path} is damaged: {name!r} {told}, {size} finite real numbers are "
+            "needed; move it away"
+        )
+    return found
+
+
 def work_fingerprint(kind: str, problem: Problem, **more: object) -> dict:
     """What stored work belongs to: the version, the mesh, the data, and ``more``."""
     mesh = problem.mesh.ngmesh
