@@ -29,6 +29,8 @@ from ngepc.bounds.simplices import sliced
 
 ANGLES = 12
 """Parts of the angle; what they give away falls with the square of their number."""
+FLAT = 1e-6
+"""Part of the slope below which a second derivative says nothing."""
 TINY = np.finfo(float).tiny
 
 
@@ -205,8 +207,9 @@ class Arc:
     def largest(self) -> np.ndarray:
         """No less than the largest value, (n,)."""
         bend = self._least_bend()
-        result = self._concave(np.maximum(bend, TINY))
-        rest = np.flatnonzero(~(bend > 0))
+        curved = bend > FLAT * self.slope
+        result = self._concave(np.where(curved, bend, self.slope + 1.0))
+        rest = np.flatnonzero(~curved)
         if len(rest):
             result[rest] = self.of(rest)._on_grid()
         return result
