@@ -21,12 +21,12 @@ from ngepc import (
 )
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.stiffness import Stiffness
-from ngepc.dual import newton
 from ngepc.dual.algorithm import NewtonSystem
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.stopping import ADVICE
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
+from ngepc.methods import newton
 from ngepc.primal.solver import PrimalOptions, primal_newton
 
 NAN = math.nan
