@@ -48,9 +48,11 @@ def elastic_data(
 ) -> tuple[Coefficient, Coefficient]:
     """``lame_parameters`` of numbers or scalar coefficients, whose ranges ``Problem`` checks."""
     E = require_datum("young", young, 0, strict=True)
-    nu = require_datum("poisson", poisson)
-    if is_number(nu):
-        nu = require_number("poisson", nu, -1, strict=True, below=0.5)
+    nu = poisson
+    if is_number(poisson):
+        nu = require_number("poisson", poisson, -1, strict=True, below=0.5)
+    else:
+        require_datum("poisson", poisson)
     return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
 

@@ -14,6 +14,7 @@ from ngsolve import CF, ET, CoefficientFunction, IntegrationRule, Mesh, x, y, z
 from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import boundary_names, require_direction, require_vector
+from ngepc.checks.kinds import require_text
 from ngepc.model.elements import cells_of
 from ngepc.pictures.sampling import Corners, corners_of, is_curved
 from ngepc.results.fields import Fields
@@ -53,8 +54,11 @@ class Part:
     def checked(self, mesh: Mesh) -> Part:
         """The part with a plane as numbers; errors if the mesh has no such part."""
         known = sorted(set(mesh.GetMaterials()))
-        if self.body is not None and self.body not in known:
-            raise ValueError(f"body={self.body!r}: the bodies are {', '.join(known)}")
+        if self.body is not None:
+            require_text("body", self.body)
+            if self.body not in known:
+                legal = ", ".join(map(repr, known))
+                raise ValueError(f"body={self.body!r}: one of {legal} is needed")
         if self.boundary is not None:
             boundary_names("boundary", self.boundary, mesh)
             if mesh.dim == 2:

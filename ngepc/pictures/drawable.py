@@ -170,7 +170,7 @@ def require_colours(cmap: str | Colormap | None) -> Colormap | None:
     """A colour map of matplotlib by its name; ValueError if there is none."""
     if cmap is None or isinstance(cmap, Colormap):
         return cmap
-    if cmap not in colormaps:
+    if not isinstance(cmap, str) or cmap not in colormaps:
         raise ValueError(
             f"cmap={cmap!r}: the name of a colour map of matplotlib is needed"
         )

@@ -218,6 +218,12 @@ def plot_mesh(
     if is_mesh(source):
         return draw_names(source, view, body, cut, axes)
     fields = fields_of(source, "source", "a mesh, a Problem, ")
+    for name, value in {"body": body, "cut": cut}.items():
+        if value is not None:
+            needed = (
+                "a mesh or a problem is needed as source, result.problem for example"
+            )
+            raise ValueError(f"{name}={value!r}: {needed}")
     sampled = corners_of(fields)
     drawing = Drawing(0.0, view=view, axes=axes, mesh_lines=True)
     return _draw_sets(drawing, fields, sampled, np.zeros(len(sampled.points)))

@@ -11,7 +11,12 @@ from scipy import stats
 from scipy.optimize import OptimizeResult, least_squares
 
 from ngepc.checks.arguments import is_number, require_integer, require_number
-from ngepc.checks.kinds import require_instance, require_mapping, require_sequence
+from ngepc.checks.kinds import (
+    require_instance,
+    require_mapping,
+    require_sequence,
+    require_text,
+)
 from ngepc.evolution.load_path import Schedule, numbers_in
 from ngepc.evolution.solver import evolve
 from ngepc.model.problem import Problem
@@ -205,7 +210,8 @@ def _checked(
     """Names of material constants with positive guesses, and curves that have as many values."""
     require_mapping("start", start, "material constant -> first guess")
     for name, guess in start.items():
-        if name not in MATERIAL and not str(name).startswith(OF_LAW):
+        require_text("start", name)
+        if name not in MATERIAL and not name.startswith(OF_LAW):
             legal = ", ".join(MATERIAL)
             raise ValueError(
                 f"start names {name!r}: one of {legal}, law.<datum> is needed"

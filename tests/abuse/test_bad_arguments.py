@@ -156,7 +156,9 @@ USES = {
     "Tabulated": Use(Tabulated, {"plastic_strain": [0], "stress_there": [1.0]}),
     "Coulomb": Use(Coulomb, {"coefficient": 0.3}),
     "lame_parameters": Use(
-        ngepc.lame_parameters, {"young": 1.0, "poisson": 0.3}, {"poisson": {"zero"}}
+        ngepc.lame_parameters,
+        {"young": 1.0, "poisson": 0.3},
+        {"young": POSITIVE | UNSEEN, "poisson": {"zero"} | UNSEEN},
     ),
     "lshape_problem": Use(lshape_problem, {"mesh": MESH}),
     "wrench_problem": Use(wrench_problem, {"mesh": MESH}),
@@ -247,7 +249,7 @@ USES = {
     "plot_field, several": Use(
         plot_field, {"source": {"one": DUAL}}, DRAWN | RANGE | FIELD
     ),
-    "plot_mesh": Use(plot_mesh, {"source": DUAL}),
+    "plot_mesh": Use(plot_mesh, {"source": DUAL}, {"source": {"a mesh"}}),
     "plot_active_sets": Use(plot_active_sets, {"result": DUAL}, DRAWN),
     "plot_history": Use(plot_history, {"histories": DUAL.history}),
     "plot_counts": Use(plot_counts, {"counts": {"a": {10: 3}}}),
@@ -259,7 +261,7 @@ USES = {
         may={"width": POSITIVE, "height": POSITIVE},
     ),
     "UnitNames": Use(UnitNames),
-    "show": Use(show, {"source": DUAL}, DRAWN | RANGE | FIELD),
+    "show": Use(show, {"source": DUAL}, DRAWN | RANGE | FIELD | {"source": {"a mesh"}}),
     # files
     "export_vtu": Use(
         export_vtu, {"source": DUAL, "path": "fields.vtu"}, {"path": NOTHING}
