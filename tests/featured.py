@@ -40,6 +40,8 @@ CLAMPED_ASIDE = {"clamped": "left", "traction": {"clamped": (0.5, 2.0)}}
 CHANGES = {
     "plane strain": {},
     "two-dimensional": {"kinematics": "two-dimensional"},
+    "plane stress": {"kinematics": "plane stress"},
+    "thickness": {"thickness": 2.0},
     "axisymmetric": {"kinematics": "axisymmetric"},
     "other kinematics": {"kinematics": OWN},
     "order 2": {"order": 2},
