@@ -58,6 +58,7 @@ from ngepc.model.hardening import HardeningLaw as HardeningLaw
 from ngepc.model.hardening import Swift as Swift
 from ngepc.model.hardening import Tabulated as Tabulated
 from ngepc.model.hardening import Voce as Voce
+from ngepc.model.hill import Hill as Hill
 from ngepc.model.kinematics import Kinematics as Kinematics
 from ngepc.model.material import Material as Material
 from ngepc.model.places import Contact as Contact

@@ -16,9 +16,9 @@ w = -q with q of (3.8) is the part of s that is left on the yield surface, and
     dev sigma = 2 mu_2 (dev e - p_0 - p) = (h s + 2 mu_2 w) / M + dev alpha_2.
 
 A law has to know its yield surface: the measure of s that is compared with beta, which p and w
-belong to s, and how w changes.  ``law_of`` chooses it.  Exact method, bounds and derivatives use
-the methods of ``Law`` and the fields of ``Return`` only.  Newton's method has w as a variable of
-its own (``local.system``).
+belong to s, and how w changes.  ``laws.law_of`` chooses it.  Exact method, bounds and derivatives
+use the methods of ``Law`` and the fields of ``Return`` only.  Newton's method has w as a variable
+of its own (``local.system``).
 
 Where a component of the strain is free, eps_zz in plane stress, the potential is smallest over it
 too: ``returned`` finds it, ``moduli`` are those of the others (``across`` is its direction).
@@ -295,7 +295,8 @@ class Law(ABC):
         column = np.column_stack([moduli.bulk, moduli(n)])
         taken = column[:, :, None] * column[:, None, :]
         taken /= self.stiffness_across(moduli)[:, None, None]
-        return replace(moduli, coupling=-taken)
+        own = 0.0 if moduli.coupling is None else moduli.coupling
+        return replace(moduli, coupling=own - taken)
 
     # what is asked of a law beside the potential
 
@@ -399,8 +400,3 @@ class VonMisesLaw(Law):
         extra = kept * part * two_mu * (at.slope - along / size)
         extra = np.where(at.yields, extra, 0.0)
         return Moduli(self.bulk, across, extra, direction)
-
-
-def law_of(problem: ProblemData, points: Points) -> Law:
-    """The law of a problem at the points."""
-    return VonMisesLaw(problem, points)

@@ -11,7 +11,7 @@ from scipy.optimize import root
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_instance
-from ngepc.discretisation.law import law_of
+from ngepc.discretisation.laws import law_of
 from ngepc.evolution.load_path import numbers_in
 from ngepc.evolution.result import Memory
 from ngepc.geometries import block

@@ -43,6 +43,7 @@ COVERS = frozenset(
         "isotropic hardening",
         "hardening law",
         "rate",
+        "anisotropic yield",
         "initial plastic strain",
         "initial hardening",
         "initial strain",

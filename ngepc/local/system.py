@@ -23,7 +23,8 @@ import numpy as np
 
 from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.factors import Factors
-from ngepc.discretisation.law import Return, law_of
+from ngepc.discretisation.law import Return
+from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.model.data import same_fields

@@ -29,7 +29,14 @@ from ngepc.checks.arguments import (
 from ngepc.checks.coefficients import foreign_meshes
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
-from ngepc.model.data import ACTING, HISTORY, Components, ProblemData, same_fields
+from ngepc.model.data import (
+    ACTING,
+    HISTORY,
+    Components,
+    ProblemData,
+    as_scalar,
+    same_fields,
+)
 from ngepc.model.elements import (
     SHAPES,
     corner_vertices,
@@ -191,6 +198,8 @@ def check_material(problem: ProblemData) -> None:
         check_law(material.law, mesh)
     if material.rate is not None:
         check_rate(material.rate, mesh)
+    if material.hill is not None:
+        check_hill(problem)
     name = "the hardening h = k + (H sigma_y)^2 k_1"
     h = require_in(name, sample(material.effective_hardening, mesh), "the body").min()
     if h <= 0 and material.law is None:
@@ -202,6 +211,33 @@ def check_material(problem: ProblemData) -> None:
     if problem.kinematics.hoop and radii.min() < -1e-12 * np.abs(radii).max():
         reach = f"the mesh reaches to x = {radii.min():g}, radii x >= 0 are needed"
         raise ValueError(f'kinematics="axisymmetric": {reach}')
+
+
+def check_hill(problem: ProblemData) -> None:
+    """Anisotropic yield with kinematic hardening alone, of a body in three dimensions."""
+    material = problem.material
+    if problem.kinematics is TWO_DIMENSIONAL:
+        raise ValueError(
+            f'kinematics="two-dimensional" with hill={material.hill!r}: '
+            "another kinematics is needed, the ellipsoid has three axes"
+        )
+    grows = sample(as_scalar(material.hardening_modulus), problem.mesh).any()
+    if grows or material.law is not None:
+        raise ValueError(
+            f"hill={material.hill!r} with isotropic hardening: "
+            "kinematic hardening alone is needed"
+        )
+    if material.rate is not None:
+        raise ValueError(f"hill={material.hill!r} with a rate: leave one of them out")
+    for name in ("F", "G", "H", "L", "M", "N", "angle"):
+        require_field(f"hill.{name}", getattr(material.hill, name), problem.mesh)
+    basis = problem.kinematics.basis
+    fields = [
+        getattr(material.hill, n) for n in ("F", "G", "H", "L", "M", "N", "angle")
+    ]
+    samples = np.broadcast_arrays(*(sample(f, problem.mesh)[:, 0] for f in fields))
+    values = dict(zip(map(id, fields), samples, strict=True))
+    material.hill.form(basis, lambda datum: values[id(datum)])
 
 
 def check_places(problem: ProblemData) -> None:

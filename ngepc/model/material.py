@@ -32,11 +32,13 @@ from ngepc.checks.declared import (
 )
 from ngepc.checks.kinds import require_instance
 from ngepc.model.hardening import HardeningLaw
+from ngepc.model.hill import Hill
 from ngepc.model.tensile import PEEQ as PEEQ
 from ngepc.model.tensile import elastic_data, kinematic_share_of, plastic_data
 from ngepc.model.viscosity import RateLaw
 
 RATE = {"kind": RateLaw, "needed": "a RateLaw such as Norton(...)"}
+HILL = {"kind": Hill, "needed": "Hill(...)"}
 LAW = {"kind": HardeningLaw, "needed": "a HardeningLaw such as Voce(...)"}
 
 
@@ -64,6 +66,8 @@ class Material(Declared):
     rate
         Overstress by the rate of plastic strain, such as ``Norton(...)``; None for none.  Time
         steps then need a length, ``Problem.duration``.
+    hill
+        Anisotropic yield, with kinematic hardening alone; None for von Mises.
 
     Raises
     ------
@@ -79,6 +83,7 @@ class Material(Declared):
     hardening_stiffness: NotNegativeDatum = 0.0
     law: Annotated[HardeningLaw, Check(require_instance, **LAW)] | None = None
     rate: Annotated[RateLaw, Check(require_instance, **RATE)] | None = None
+    hill: Annotated[Hill, Check(require_instance, **HILL)] | None = None
 
     @classmethod
     def metal(

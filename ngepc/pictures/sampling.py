@@ -47,6 +47,7 @@ COVERS = frozenset(
         "isotropic hardening",
         "hardening law",
         "rate",
+        "anisotropic yield",
         "initial plastic strain",
         "initial hardening",
         "initial strain",

@@ -92,10 +92,15 @@ class Quantities:
 
     @property
     def yield_function(self) -> CoefficientFunction:
-        """Phi = |dev sigma - alpha_2|_F minus ``Material.yield_bound``, scalar (stress), <= 0."""
+        """Phi = |dev sigma - alpha_2|_F minus ``Material.yield_bound``, scalar (stress), <= 0.
+
+        With ``Material.hill`` its measure, (2/3)^(1/2) S, takes the place of the norm.
+        """
         hardened = self.hardening_variable, self.accumulated_plastic_strain
         bound = self.problem.material.yield_bound(*hardened)
-        return frobenius(self.deviatoric_stress - self.back_stress) - bound
+        shifted = self.deviatoric_stress - self.back_stress
+        hill = self.problem.material.hill
+        return (frobenius(shifted) if hill is None else hill.measure(shifted)) - bound
 
     @property
     def equivalent_plastic_strain(self) -> CoefficientFunction:

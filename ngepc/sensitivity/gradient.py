@@ -49,6 +49,7 @@ COVERS = frozenset(
         "kinematic hardening",
         "isotropic hardening",
         "hardening law",
+        "anisotropic yield",
         "initial plastic strain",
         "initial hardening",
         "initial strain",

@@ -41,7 +41,9 @@ from ngepc.sensitivity.equations import Data
 from ngepc.sensitivity.law_data import OF_LAW, law_changes
 
 MATERIAL = tuple(
-    field.name for field in fields(Material) if field.name not in ("law", "rate")
+    field.name
+    for field in fields(Material)
+    if field.name not in ("law", "rate", "hill")
 )
 LOADS = ("traction", "pressure", "body_force")
 BY_BOUNDARY = (
@@ -221,7 +223,7 @@ def _material(state: State, datum: str, change: Coefficient) -> Data:
     alpha_1, _ = split_hardening(problem.initial_hardening)
     known = (
         vars(problem.material)
-        | {"law": None}
+        | {"law": None, "rate": None, "hill": None}
         | {"alpha_1": alpha_1 or 0.0, "change": change}
     )
     known = {

@@ -23,7 +23,7 @@ from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import BND, CF, Integrate, Mesh, x, y
 
 from ngepc import Material, Problem
-from ngepc.discretisation.law import law_of
+from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.loads import Supports, nodal
 from ngepc.discretisation.points import Moduli, PointFunctions, Points, interpolated
 from ngepc.discretisation.resistance import Resistance

@@ -25,6 +25,7 @@ from ngepc import (
 )
 from ngepc.geometries import block
 from ngepc.model.features import FEATURES, features_of, require_covered
+from ngepc.model.hill import Hill
 from ngepc.model.kinematics import KINEMATICS
 
 sys.path.append(str(Path(__file__).parents[2] / "docs"))
@@ -61,6 +62,7 @@ ONE_MORE = {
     },
     "hardening law": {"material": LAW},
     "rate": {"material": replace(STEEL, rate=Norton(1.0))},
+    "anisotropic yield": {"material": replace(STEEL, hill=Hill())},
     "initial plastic strain": {"initial_plastic_strain": CF((0,) * 9, dims=(3, 3))},
     "initial hardening": {"initial_hardening": 0.1},
     "initial strain": {"initial_strain": 1e-3},
