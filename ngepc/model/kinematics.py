@@ -80,7 +80,7 @@ class Kinematics:
         """Those of the package are known by name, also after pickling and copying."""
         if any(self is known for known in KINEMATICS):
             return kinematics_of, (self.name, self.N)
-        return Kinematics, (self.name, self.N, self.basis, self.hoop, self.thin)
+        return Kinematics, tuple(vars(self).values())
 
     @property
     def across(self) -> np.ndarray:
