@@ -123,7 +123,7 @@ class GoalBound:
         rule = (
             ""
             if self.exact
-            else "Where the body yields integrals are by a rule of degree six."
+            else "Where the body yields integrals are by a rule of degree four."
         )
         return " ".join(filter(None, (self.note, rule, self.bound.message)))
 

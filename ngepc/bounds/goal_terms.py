@@ -6,18 +6,24 @@ each contact facet, or minus the work of all forces in a motion of a support, a 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from ngsolve import BND, CF, L2, VOL, GridFunction, Integrate
+from ngsolve import BND, CF, L2, VOL, CoefficientFunction, GridFunction, Integrate
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.oscillation import CarriedLoads
-from ngepc.checks.arguments import boundary_names, require_integer, require_vector
+from ngepc.checks.arguments import (
+    boundary_names,
+    require_components,
+    require_integer,
+    require_vector,
+)
 from ngepc.checks.declared import Check, Declared, Text
+from ngepc.checks.kinds import require_mapping, require_text
 from ngepc.discretisation.loads import applied_forces
 from ngepc.local.system import State
 from ngepc.model.data import Vector
@@ -58,6 +64,16 @@ class MeanDisplacement(Declared):
     component: Component
 
 
+def require_vector_data(name: str, value: object) -> None:
+    """Accept a vector of two or three components, numbers or coefficients."""
+    size = value.dim if isinstance(value, CoefficientFunction) else 0
+    if isinstance(value, Sequence) and not isinstance(value, str | bytes):
+        size = len(value)
+    if size not in (2, 3):
+        raise TypeError(f"{name}={value!r}: a vector of 2 or 3 components is needed")
+    require_components(name, value, size)
+
+
 @dataclass(frozen=True)
 class LoadWork:
     """The work that a load would do, int g . u + int f . u (force times length).
@@ -70,6 +86,17 @@ class LoadWork:
 
     traction: Mapping[str, Vector] | None = None
     body_force: Vector | None = None
+
+    def __post_init__(self) -> None:
+        if self.traction is not None:
+            require_mapping(
+                "traction", self.traction, "boundary name -> force per area"
+            )
+            for name, force in self.traction.items():
+                require_text("traction", name)
+                require_vector_data(f"traction[{name!r}]", force)
+        if self.body_force is not None:
+            require_vector_data("body_force", self.body_force)
 
 
 @dataclass(frozen=True, eq=False)

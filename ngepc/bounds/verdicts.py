@@ -85,6 +85,10 @@ def verdict(
         raise ValueError(
             f"at_most={at_most!r}, at_least={at_least!r}: one of them is needed"
         )
+    if goal is None:
+        raise TypeError(
+            "goal=None: a goal of goal_bound is needed, 'contact_force' for example"
+        )
     above = at_least is None
     name = "at_most" if above else "at_least"
     limit = at_most if above else at_least

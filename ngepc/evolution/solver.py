@@ -151,7 +151,9 @@ def evolve(
     if accuracy is not None:
         require_number("accuracy", accuracy, 0, strict=True, below=1)
         check_alone("accuracy", accuracy, steps, error=error, checkpoint=path)
-        other = RepeatedSolver() if isinstance(solver, RepeatedSolver) else solver
+        other = solver
+        if isinstance(solver, RepeatedSolver):
+            other = RepeatedSolver(solver.options)
         coarse = _Run(problem, schedule, other, cuts, None, None, refinement)
         pair = Increments(run, coarse, schedule.begin, accuracy, cuts, monitor)
         pair.advance(list(schedule.times))

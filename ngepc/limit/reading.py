@@ -74,14 +74,14 @@ def growing_names(problem: Problem, growing: Sequence[str] | None) -> tuple[str,
                 "the problem has no load: a limit load needs tractions, pressures, a body force,"
                 " or a support with a displacement other than zero"
             )
-    if isinstance(growing, str) or not isinstance(growing, Sequence):
+    if isinstance(growing, str | bytes) or not isinstance(growing, Sequence):
         raise TypeError(f"growing={growing!r}: a sequence of names of loads is needed")
-    asked = f"growing={list(growing)!r}: "
+    asked = f"growing={growing!r}: "
     for name in growing:
         if name not in (*loads, *moving):
             legal = ", ".join(map(repr, (*loads, *moving)))
             raise ValueError(
-                f"{asked}there is no load {name!r}; this problem has {legal}"
+                f"{asked}there is no load {name!r}; one of {legal} is needed"
             )
     if not growing:
         raise ValueError(f"{asked}at least one name is needed")

@@ -23,6 +23,7 @@ from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import newton_iteration
+from ngepc.results.options import NewtonOptions
 from ngepc.results.outcome import Monitor, Status
 from ngepc.results.result import DiscreteSolution
 
@@ -98,21 +99,21 @@ class RepeatedSolver:
 
     Parameters
     ----------
-    tolerance, max_iterations, inverse
-        As in ``NewtonOptions``; with None for ``inverse`` the solver chooses for each body, and
-        where multigrid gives up factors take its place.
+    options
+        Tolerance, limit and linear solver; None for the defaults.  With ``inverse=None`` the linear
+        solver is chosen for each body, and where multigrid gives up factors take its place.
+
+    Raises
+    ------
+    TypeError
+        If the options are not ``NewtonOptions``.
     """
 
-    def __init__(
-        self,
-        tolerance: float = 1e-10,
-        max_iterations: int = 300,
-        inverse: str | Iterative | SymbolicForms | None = None,
-    ) -> None:
-        self.tolerance = tolerance
-        self.max_iterations = max_iterations
-        self.inverse = inverse
-        self._chosen = inverse
+    def __init__(self, options: NewtonOptions | None = None) -> None:
+        options = NewtonOptions() if options is None else options
+        require_instance("options", options, NewtonOptions, "NewtonOptions(...)")
+        self.options = options
+        self._chosen = options.inverse
         self._discrete: DiscreteProblem | None = None
         self._tangent: Factors | IterativeTangent | None = None
 
@@ -140,19 +141,23 @@ class RepeatedSolver:
         discrete = state.discrete
         tangent = self._tangent
         if tangent is None or discrete.stiffness is not before.stiffness:
-            given = self.inverse
+            given = self.options.inverse
             self._chosen = fastest_solver(discrete) if given is None else given
             tangent = tangent_of(discrete, self._chosen)
         self._discrete = discrete
         self._tangent = tangent if isinstance(tangent, Factors) else None
         target = None
         if isinstance(tangent, IterativeTangent):
-            target = InexactTarget(discrete, tangent.forcing, self.tolerance)
-        limits = self.tolerance, self.max_iterations
+            target = InexactTarget(discrete, tangent.forcing, self.options.tolerance)
+        limits = self.options.tolerance, self.options.max_iterations
         made = partial(ExactResult, linear_solver=solver_name(self._chosen))
         result = newton_iteration(state, tangent, made, *limits, monitor, target)
         gave_up = target is not None and result.status is Status.NONFINITE
-        if gave_up and self.inverse is None and discrete.problem.processes.size == 1:
+        if (
+            gave_up
+            and self.options.inverse is None
+            and discrete.problem.processes.size == 1
+        ):
             self._chosen = DIRECT
             self._tangent = tangent = tangent_of(discrete, DIRECT)
             made = partial(ExactResult, linear_solver=DIRECT)
@@ -172,7 +177,8 @@ def solve_exactly(
 
     Arguments as of ``semismooth_newton`` and ``NewtonOptions``.
     """
-    solver = RepeatedSolver(tolerance, max_iterations, inverse)
+    limits = {"tolerance": tolerance, "max_iterations": max_iterations}
+    solver = RepeatedSolver(NewtonOptions(**limits, inverse=inverse))
     return solver(problem, start, monitor)
 
 

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 import ngepc.pictures.style as style
+from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.limit.load import LimitLoad
 from ngepc.pictures.style import COLOURS, Picture, styled
@@ -53,7 +54,7 @@ def plot_mechanism(limit: LimitLoad, *, axes: Axes | None = None) -> Figure:
         For another object, a solid, or a result without a mechanism.
     """
     require_plane(limit)
-    axes = axes or Picture(figsize=(6.0, 4.2), layout="compressed").subplots()
+    axes = axes_or_new(axes, (6.0, 4.2))
     data = limit.last.data
     cells = data.cells
     mechanism = limit.last.mechanism
@@ -109,7 +110,9 @@ def plot_bracket(
         For another object.
     """
     require_instance("limit", limit, LimitLoad, "the result of limit_load")
-    axes = axes or Picture(figsize=(4.8, 3.6), layout="compressed").subplots()
+    if exact is not None:
+        require_number("exact", exact)
+    axes = axes_or_new(axes, (4.8, 3.6))
     finite = [r for r in limit.records if np.isfinite(r.relative_width)]
     unknowns = [sum(r.unknowns) for r in finite]
     lower = [r.lower for r in finite]
@@ -122,3 +125,10 @@ def plot_bracket(
     axes.set(xscale="log", xlabel="unknowns of both programs", ylabel="load factor")
     axes.legend()
     return axes.figure
+
+
+def axes_or_new(axes: Axes | None, size: tuple[float, float]) -> Axes:
+    """The given axes, or those of a new figure of this size (inches)."""
+    if axes is None:
+        return Picture(figsize=size, layout="compressed").subplots()
+    return require_instance("axes", axes, Axes, "matplotlib Axes or None")

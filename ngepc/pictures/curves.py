@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_instance, require_mapping
+from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.evolution.result import Evolution
 from ngepc.pictures.drawable import UnitNames, fields_of, require_units, sources_of
 from ngepc.pictures.sampling import corners_of
@@ -150,8 +150,13 @@ def plot_curve(
     require_mapping("history", histories, "label -> what evolve returned")
     axes = Picture(figsize=(5.2, 3.4)).subplots() if axes is None else axes
     require_instance("axes", axes, Axes, "matplotlib Axes or None")
+    for name, words in {"xlabel": xlabel, "ylabel": ylabel}.items():
+        if words is not None:
+            require_text(name, words)
     for index, (label, one) in enumerate(histories.items()):
-        require_instance("history", one, Evolution, "what evolve returned")
+        if not isinstance(one, Evolution):
+            needed = "what evolve returned, or label -> that, is needed"
+            raise TypeError(f"history={history!r}: {needed}")
         if not one.steps:
             raise ValueError("history has no finished step: at least one is needed")
         style = line_style(index, len(one.steps))

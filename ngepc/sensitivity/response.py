@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from ngepc.checks.arguments import is_number, require_vector
-from ngepc.checks.kinds import require_instance
+from ngepc.checks.kinds import require_instance, require_text
 from ngepc.evolution.load_path import scaled
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import RepeatedSolver
@@ -56,9 +56,11 @@ class Response:
     ) -> None:
         self.problem = require_instance("problem", problem, Problem, "a Problem")
         self.functional = as_functional(functional)
-        self.parameters = tuple(parameters)
-        if isinstance(parameters, str) or not self.parameters:
+        if isinstance(parameters, str | bytes) or not isinstance(parameters, Sequence):
             raise TypeError(f"parameters={parameters!r}: a list of names is needed")
+        if not parameters:
+            raise ValueError(f"parameters={parameters!r}: at least one name is needed")
+        self.parameters = tuple(require_text("parameters", one) for one in parameters)
         self.start = np.array([self._given(name) for name in self.parameters])
         self._solver = RepeatedSolver()
 

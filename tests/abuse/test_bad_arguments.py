@@ -116,6 +116,10 @@ SOLVED = semismooth_newton(PROBLEM)
 FREE = replace(PROBLEM, contact=None, gap=None)
 RAMP = load_cycle(FREE, [1.0])
 CURVE = {"schedule": RAMP, "functional": "primal_energy", "measured": [-0.2]}
+HISTORY = ngepc.evolve(FREE, RAMP)
+LIMIT = ngepc.limit_load(FREE, 0.9, max_cells=200)
+WORK = ngepc.LoadWork(body_force=(0.0, 1.0))
+VERDICT = {"at_most": NUMBERS, "at_least": NUMBERS, "seconds": POSITIVE}
 SHORT_PATH = PathOptions(gamma_start=1.0, growth=10.0, gamma_end=1.0)
 
 DRAWN = {"deformation_scale": NOT_NEGATIVE}
@@ -190,6 +194,7 @@ USES = {
         },
     ),
     # solvers
+    "RepeatedSolver": Use(ngepc.RepeatedSolver),
     "semismooth_newton": Use(semismooth_newton, {"problem": PROBLEM, "options": QUICK}),
     "primal_newton": Use(primal_newton, {"problem": PROBLEM}),
     "follow_path": Use(follow_path, {"problem": PROBLEM, "options": SHORT_PATH}),
@@ -217,10 +222,29 @@ USES = {
     ),
     "Refinement": Use(Refinement),
     "solve_to": Use(solve_to, {"problem": FREE, "relative_error": 0.5}),
+    "goal_bound": Use(ngepc.goal_bound, {"result": SOLVED, "goal": "contact_force"}),
+    "confidence": Use(ngepc.confidence, {"result": SOLVED}),
+    "verdict": Use(
+        ngepc.verdict, {"problem": FREE, "goal": WORK, "at_most": 1.0}, VERDICT
+    ),
+    "ContactForceOn": Use(ngepc.ContactForceOn, {"boundary": "contact"}),
+    "MeanDisplacement": Use(
+        ngepc.MeanDisplacement, {"boundary": "load", "component": 1}
+    ),
+    "LoadWork": Use(
+        ngepc.LoadWork,
+        {"body_force": (0.0, 1.0)},
+        {"body_force": {"a vector coefficient"}, "traction": NOTHING},
+    ),
+    "limit_load": Use(ngepc.limit_load, {"problem": FREE, "relative_width": 0.9}),
     "PyAMG": Use(PyAMG),
     "SymbolicForms": Use(SymbolicForms),
     "misfit": Use(
         misfit, {"observed": PRIMAL.displacement}, {"observed": COEFFICIENTS}
+    ),
+    "Response": Use(
+        ngepc.Response,
+        {"problem": FREE, "functional": "primal_energy", "parameters": ["hardening"]},
     ),
     # load histories
     "Schedule": Use(
@@ -251,6 +275,15 @@ USES = {
         plot_field, {"source": {"one": DUAL}}, DRAWN | RANGE | FIELD
     ),
     "plot_mesh": Use(plot_mesh, {"source": DUAL}, {"source": {"a mesh"}}),
+    "plot_curve": Use(
+        ngepc.plot_curve,
+        {"history": HISTORY},
+        {"xlabel": TEXTS, "ylabel": TEXTS, "history": NOTHING},
+        ("x", "y"),
+    ),
+    "plot_bracket": Use(ngepc.plot_bracket, {"limit": LIMIT}, {"exact": NUMBERS}),
+    "plot_mechanism": Use(ngepc.plot_mechanism, {"limit": LIMIT}),
+    "lab": Use(lambda problem: ngepc.lab(problem, load=(0, 1)), {"problem": PROBLEM}),
     "plot_active_sets": Use(plot_active_sets, {"result": DUAL}, DRAWN),
     "plot_history": Use(plot_history, {"histories": DUAL.history}),
     "plot_counts": Use(plot_counts, {"counts": {"a": {10: 3}}}),
@@ -315,7 +348,8 @@ def test_every_public_callable_is_here():
     returned = {
         "Between", "BoundedResult", "Calibration", "DualResult", "ErrorBound", "Evolution",
         "ExactResult", "Gradient", "HardeningLaw", "Kinematics", "PathResult", "PointHistory",
-        "PrimalResult", "RateLaw", "SolverError", "Status", "TangentResult",
+        "PrimalResult", "RateLaw", "SolverError", "Status", "TangentResult", "GoalBound",
+        "LimitLoad", "LimitRecord", "LimitStatus", "Verdict",
     }  # fmt: skip
     rest = {n for n in ngepc.__all__ if not n.startswith("_")} - set(USES)
     assert rest == returned | STILL_UNCHECKED
