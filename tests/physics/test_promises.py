@@ -9,6 +9,8 @@ from ngsolve.meshes import MakeStructured3DMesh
 
 from ngepc import (
     Material,
+    NewtonOptions,
+    PrimalOptions,
     Problem,
     lshape_problem,
     outward_normal,
@@ -73,7 +75,8 @@ BODIES = {
 )
 def solved(request):
     body, order = request.param
-    result = semismooth_newton(replace(BODIES[body](), order=order))
+    sharp = NewtonOptions(tolerance=1e-12)
+    result = semismooth_newton(replace(BODIES[body](), order=order), options=sharp)
     assert str(result.status) == "converged"
     return result
 
@@ -88,7 +91,22 @@ def test_forces_balance_and_nothing_penetrates(solved):
     forces = np.stack([solved.applied_force, solved.contact_resultant, solved.reaction])
     first = 1 if solved.problem.kinematics.hoop else 0  # a radial sum is no force
     assert abs(forces.sum(axis=0)[first:]).max() < 1e-10 * abs(forces).max()
-    assert solved.penetration < 1e-12
+    assert solved.state.penetration < 1e-12  # of the rows
+    assert solved.penetration < 1e-12 + overlap_between_nodes(solved.problem)
+
+
+def overlap_between_nodes(problem):
+    """What interpolation of the gap leaves: none at order two on straight facets.
+
+    At order one the error of linear interpolation, h^2/8 times the second derivative .6 of the
+    gap; on curved facets normals vary, and a hundred-thousandth of the gap is allowed.
+    """
+    if isinstance(problem.gap, float):
+        return 1e-5 * problem.gap if problem.mesh.GetCurveOrder() > 1 else 0.0
+    if problem.order == 2:
+        return 0.0
+    cells = 6 if problem.N == 2 else 3
+    return 0.6 / 8 / cells**2
 
 
 def test_no_point_is_beyond_yield(solved):
@@ -97,7 +115,7 @@ def test_no_point_is_beyond_yield(solved):
 
 
 def test_the_primal_witness_agrees(solved):
-    witness = primal_newton(solved.problem)
+    witness = primal_newton(solved.problem, options=PrimalOptions(tolerance=1e-12))
     u, other = (r.displacement.vec.FV().NumPy() for r in (solved, witness))
     assert abs(u - other).max() < 1e-9 * abs(u).max()
     assert witness.primal_energy == pytest.approx(solved.primal_energy, rel=1e-12)
