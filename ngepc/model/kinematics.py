@@ -187,4 +187,6 @@ def with_thickness(kinematics: Kinematics, thickness: float | None) -> Kinematic
         needed = " or ".join(f"kinematics={name!r}" for name in THICK)
         given = f"thickness={thickness!r} with kinematics={kinematics.name!r}"
         raise ValueError(f"{given}: {needed} is needed")
-    return kinematics if kinematics.thickness == t else replace(kinematics, thickness=t)
+    if kinematics.name not in THICK or kinematics.thickness == t:
+        return kinematics  # one's own kinematics keep what they say
+    return replace(kinematics, thickness=t)
