@@ -266,7 +266,7 @@ def test_energies_of_meshes_do_not_cross(bound):
     assert bound.least_energy < fine.energy
     assert fine.least_energy < fine.energy < bound.energy
     assert bound.least_energy < fine.least_energy
-    # at order two the affine pressure of the bound follows Bernstein rows on coarse meshes only so far
+    # order two: the affine pressure of the bound follows the rows on coarse meshes only so far
     sharp = {1: 1.7, 2: 1.6}[bound.problem.order]
     assert bound.total < sharp * (bound.energy - fine.energy + fine.total / 2)
 
