@@ -66,7 +66,7 @@ class MultiplierEquation:
 
 def newton_in_lambda(functional, v, options=FULL_STEPS):
     """Algorithm 6.6 from lambda^0 = w^ - N_gamma v: each v(lambda^j) and ||Psi_gamma||_{H*}."""
-    equation, iterates = MultiplierEquation(functional, options.inverse), []
+    equation, iterates = MultiplierEquation(functional, options.direct_solver), []
     multiplier = equation.multiplier(v)
     while True:
         v = equation.dual(multiplier)

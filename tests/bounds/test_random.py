@@ -68,6 +68,7 @@ def test_interfaces_inside_the_body():
         contact="top",
         gap=1e-4,
         body_force=(0.0, 1.0),
+        order=1,
     )
     bound = error_bound(semismooth_newton(problem))
     fine = error_bound(semismooth_newton(finer(problem, 3)))
