@@ -31,7 +31,7 @@ def copy_beside(name: str, patterns: tuple[str, ...]) -> None:
 
 
 copy_beside("notebooks", ("*.ipynb", "exercises/*.ipynb", "solutions/*.ipynb"))
-copy_beside("results", ("*.md", "*.png"))
+copy_beside("results", ("*.md", "*/*.md", "*.png"))
 
 project = "ngepc"
 author = "the ngepc authors"

@@ -151,6 +151,13 @@ def test_site_has_every_public_name(site):
     assert public | {f"ngepc.pictures.{name}" for name in drawing} <= documented
 
 
+def test_the_overview_of_the_reference_has_every_public_name():
+    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    shown = set(re.findall(r"`(\w+)`", text))
+    public = {name for name in ngepc.__all__ if not name.startswith("_")}
+    assert public <= shown
+
+
 def test_links_of_the_site_lead_somewhere(site, pages):
     broken = []
     for path, page in pages.items():
