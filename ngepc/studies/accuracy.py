@@ -208,7 +208,7 @@ CASES = {
         {"clamped": "back", "prescribed": {"front": (None, None, -0.3)}},
         force_on("front", 2, -1.0),
         ("force", "front", 2, -1.0),
-        (4, 4),
+        (3, 3),
     ),
     "sphere on a block, 3D": Case(
         quarter_block,

@@ -877,9 +877,15 @@ FUNCTIONS = {
     ),
 }
 FUNCTION_TYPES = {
-    "Young a string": (lambda: lame_parameters("1", 0.3), "young='1': a number"),
-    "Young a boolean": (lambda: lame_parameters(True, 0.3), "young=True: a number"),
-    "Poisson complex": (lambda: lame_parameters(1, 0.3j), "poisson=0.3j: a number"),
+    "Young a string": (lambda: lame_parameters("1", 0.3), "young='1': a real number"),
+    "Young a boolean": (
+        lambda: lame_parameters(True, 0.3),
+        "young=True: a real number",
+    ),
+    "Poisson complex": (
+        lambda: lame_parameters(1, 0.3j),
+        "poisson=0.3j: a real number",
+    ),
     "mesh width a string": (lambda: lshape.mesh("fine"), "maxh='fine': a real number"),
     "mesh width None": (
         lambda: wrench.mesh(None),

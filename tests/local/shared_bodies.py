@@ -92,7 +92,9 @@ def refusals(problem):
     """What several processes refuse, with the words of the last one."""
     options = NewtonOptions(inverse=PETSc())
     works = {
-        "direct": lambda: semismooth_newton(problem),
+        "direct": lambda: semismooth_newton(
+            problem, options=NewtonOptions(inverse="sparsecholesky")
+        ),
         "pyamg": lambda: semismooth_newton(
             problem, options=replace(options, inverse=PyAMG())
         ),

@@ -16,9 +16,7 @@ from ngepc import (
     Swift,
     Tabulated,
     Voce,
-    error_bound,
     evolve,
-    gradient,
     lame_parameters,
     lshape_problem,
     primal_newton,
@@ -257,14 +255,6 @@ BAD = {
     "offset": (lambda: Swift(250.0, -1.0, 0.2), "offset=-1"),
     "gamma": (
         lambda: semismooth_newton(example_voce(), gamma=1e3),
-        "material.law=Voce",
-    ),
-    "bounds": (
-        lambda: error_bound(semismooth_newton(example_voce())),
-        "material.law=Voce",
-    ),
-    "gradient": (
-        lambda: gradient(semismooth_newton(example_voce()), "contact_force", "lame_mu"),
         "material.law=Voce",
     ),
 }

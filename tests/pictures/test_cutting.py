@@ -99,7 +99,7 @@ def test_what_is_no_part_is_refused():
     result = two_blocks()
     plane = semismooth_newton(lshape_problem(lshape.paper_mesh(113)))
     for bad, message in (
-        ({"body": "middle"}, "the bodies are lower, upper"),
+        ({"body": "middle"}, "one of 'lower', 'upper' is needed"),
         ({"boundary": "inner"}, "there is no boundary 'inner'"),
         ({"cut": (0.5, 0, 0)}, "a pair of a point and a normal"),
         ({"cut": ((0, 0, 9.0), (0, 0, -1.0))}, "nothing is left"),
