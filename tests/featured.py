@@ -9,6 +9,7 @@ from ngsolve import CF, Mesh
 from ngepc import (
     Contact,
     Coulomb,
+    Hill,
     Kinematics,
     Material,
     Norton,
@@ -50,6 +51,9 @@ CHANGES = {
     "isotropic hardening": {"material": MIXED},
     "hardening law": {"material": LAW},
     "rate": {"material": VISCOUS, "duration": 0.1},
+    "anisotropic yield": {
+        "material": replace(STEEL, hill=Hill.r_values(1.8, 1.2, 2.3, angle=0.2))
+    },
     "initial plastic strain": {"initial_plastic_strain": STRETCHED},
     "initial hardening": {"material": MIXED, "initial_hardening": 0.5},
     "initial strain": {"initial_strain": 5e-4},
