@@ -191,7 +191,6 @@ def test_one_of_two_obstacles():
         ("contact_force", "contact"),
         (Reaction("contact", 0), "support"),
         (DisplacementAt((9.0, 9.0), 0), "point"),
-        (LoadWork(body_force=(lambda: 1,)), "body_force"),
     ],
 )
 def test_what_is_no_goal_is_refused(goal, word):
@@ -201,6 +200,11 @@ def test_what_is_no_goal_is_refused(goal, word):
     result = semismooth_newton(problem)
     with pytest.raises((TypeError, ValueError), match=word):
         goal_bound(result, goal)
+
+
+def test_a_work_of_a_load_that_is_no_vector_is_refused():
+    with pytest.raises(TypeError, match="body_force"):
+        LoadWork(body_force=(lambda: 1,))
 
 
 def test_friction_is_refused():
