@@ -3,6 +3,8 @@
 # run of the package, in out/coverage.   make lint: style.
 # make campaigns: random problems and extreme data by all methods, bounds of random problems,
 # derivatives beside differences: minutes, results/fuzz.*, robustness.*, crossings.*, derivatives.*.
+# make results: every committed result again, those of today's code left out; make results
+# NAMES="table1 counts": some of them.  Hours; an interrupted run goes on with the same line.
 # make test-petsc: the tests of large bodies once more, with Debian's PETSc.
 # make docs: this project's site in out/docs.   make benchmark: what a Newton step costs,
 # make benchmark-pieces: its pieces.
@@ -28,7 +30,7 @@ export MPLBACKEND := Agg
 export NGS_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo check test campaigns test-petsc coverage lint docs benchmark benchmark-pieces clean
+.PHONY: demo check test campaigns results test-petsc coverage lint docs benchmark benchmark-pieces clean
 
 demo: $(VENV)/.run
 	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --out $(OUT)
@@ -53,6 +55,9 @@ campaigns: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results derivatives
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results equilibria
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results cones
+
+results: $(VENV)/.test
+	PYTHONPATH=tests $(BIN)/python -m campaigns.remake $(NAMES)
 
 test-petsc: $(PETSC_VENV)/.test
 	PETSC_DIR=$(PETSC_DIR) NGEPC_NEEDS_PETSC=1 $(PETSC_VENV)/bin/python -m pytest tests/local

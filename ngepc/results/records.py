@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import platform
+import shlex
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -71,7 +72,7 @@ def provenance() -> dict[str, Any]:
         "ngsolve": version("ngsolve"),
         "numpy": np.__version__,
         "python": platform.python_version(),
-        "command": " ".join([name, *sys.argv[1:]]),
+        "command": shlex.join([*name.split(), *sys.argv[1:]]),
     }
 
 

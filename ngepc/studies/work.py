@@ -3,6 +3,8 @@
 import csv
 import io
 import re
+import shutil
+import subprocess
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -142,7 +144,7 @@ class Work(ABC):
             [entry.replace("|", "\\|") for entry in row] for row in (heads, *rows)
         ]
         escaped.insert(1, ["---"] * len(heads))
-        made_with = provenance()
+        made_with = {**provenance(), "commit": commit()}
         lines = [
             f"# {self.title}",
             "",
@@ -176,6 +178,34 @@ class OverMeshes(Work):
     """A study on the first ``levels`` meshes of some families."""
 
     levels: int = 3
+
+
+PACKAGE = Path(__file__).parents[1]
+
+
+def commit() -> str | None:
+    """The commit of branch main that this package comes from, with + where code was changed since.
+
+    None outside of a checkout with its history.  A branch that is not on main yet names the
+    commit that it started from, and +: its own commits may still be replaced.
+    """
+    if _git("ls-files", "--error-unmatch", "__init__.py") is None:
+        return None
+    started = _git("merge-base", "HEAD", "main") or _git("rev-parse", "HEAD")
+    if started is None:
+        return None
+    unchanged = _git("diff", "--quiet", started, "--", ".") is not None
+    return started[:12] + ("" if unchanged else "+")
+
+
+def _git(*words: str) -> str | None:
+    """What git says of the package's folder; None where it fails or is missing."""
+    if (program := shutil.which("git")) is None:
+        return None
+    done = subprocess.run(
+        [program, "-C", str(PACKAGE), *words], capture_output=True, text=True
+    )
+    return done.stdout.strip() if done.returncode == 0 else None
 
 
 def spoken(record: Mapping) -> dict:
