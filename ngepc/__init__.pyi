@@ -61,6 +61,7 @@ from ngepc.model.hardening import Voce as Voce
 from ngepc.model.hill import Hill as Hill
 from ngepc.model.kinematics import Kinematics as Kinematics
 from ngepc.model.material import Material as Material
+from ngepc.model.overlay import Overlay as Overlay
 from ngepc.model.places import Contact as Contact
 from ngepc.model.places import Coulomb as Coulomb
 from ngepc.model.places import Edge as Edge

@@ -6,6 +6,8 @@ written down here again, from the formulas, and Clarabel's interior point method
     J(u, p) = sum w (bulk/2 tr(eps)^2 + mu |dev eps - p_0 - p|^2 - mu |p_0|^2 + dev alpha : p
               + h/2 |p|^2 + cost of |p|) - loads . u + sum F w |slip|
 
+or, with sub-elements, the sum of shares of that with a plastic strain and a bound each,
+
 over u with supports and rows n . u <= gap.  Straight triangles and tetrahedra, both orders,
 constant loads and materials, gaps that are affine on facets, flat contact boundaries, two bodies
 whose meshes match where they touch.
@@ -322,8 +324,14 @@ class Program:
         tresca = problem.friction is not None
 
         u = self.new(self.unknowns)
-        p = self.new(d * points)
-        g = self.new(points)  # >= |p|
+        overlay = material.overlay
+        subs = [(1.0, None)]  # share of the elasticity, bound of its stress
+        if overlay is not None:
+            subs = list(zip(overlay.shares, overlay.bounds, strict=True))
+        strains = [self.new(d * points) for _ in subs]
+        p = strains[0]
+        sizes = [self.new(points) for _ in subs]  # >= |p|
+        g = sizes[0]
         slips = self.new(len(gaps) if tresca else 0)  # >= |slip|
         law = material.law
         bends = list(law.plastic_strain) if law is not None else []
@@ -333,22 +341,29 @@ class Program:
         each = np.repeat(w, d)
         to_u = select(u, n)
         to_p = select(p, n)
-        rest = shear @ to_u - to_p
         quadratic = (trace @ to_u).T @ diags(w * bulk) @ (trace @ to_u)
-        quadratic += rest.T @ diags(2 * mu * each) @ rest
+        rests = [(1 - sum(s for s, _ in subs), shear @ to_u)]
+        for (share, _), columns in zip(subs, strains, strict=True):
+            rests.append((share, shear @ to_u - select(columns, n)))
+        for share, rest in rests:
+            quadratic += rest.T @ diags(share * 2 * mu * each) @ rest
         quadratic += to_p.T @ diags(h * each) @ to_p
         linear = np.zeros(n)
         linear[u] = -self.loads()
         before = np.zeros(d)
         if problem.initial_plastic_strain is not None:
             before = coordinates(tensor_of(problem, problem.p_0), N, self.size)
-        linear -= 2 * mu * rest.T @ (each * np.tile(before, points))
+        for share, rest in rests:
+            linear -= share * 2 * mu * rest.T @ (each * np.tile(before, points))
         _, back = problem.alpha_0
         if problem.initial_hardening is not None:
             given = coordinates(tensor_of(problem, back), N, self.size)
             linear[p] += each * np.tile(given, points)
         if law is None:
             linear[g] = w * float(problem.beta)
+        if overlay is not None:
+            for (share, bound), size in zip(subs, sizes, strict=True):
+                linear[size] = w * share * bound
         if tresca:
             linear[slips] = rubbing * float(problem.friction)
 
@@ -371,7 +386,10 @@ class Program:
             )
             zero.append((whole - np.sqrt(2 / 3) * select(g, n), np.zeros(points)))
 
-        cones = [(self.stacked(g, to_p, d, n), points, d + 1)]
+        cones = [
+            (self.stacked(size, select(columns, n), d, n), points, d + 1)
+            for size, columns in zip(sizes, strains, strict=True)
+        ]
         if tresca:
             slipped = along @ to_u
             cones.append((self.stacked(slips, slipped, N - 1, n), len(gaps), N))

@@ -13,6 +13,7 @@ from ngepc import (
     Kinematics,
     Material,
     Norton,
+    Overlay,
     Point,
     Problem,
     Roller,
@@ -32,6 +33,8 @@ LAW = Material.with_law(
 )
 MIXED = replace(STEEL, hardening_modulus=0.1, hardening_stiffness=1e3)
 VISCOUS = replace(STEEL, rate=Norton(1.0, 3.0))
+LAYERS = Overlay([0.5, 0.3], [STEEL.yield_stress, 2 * STEEL.yield_stress])
+CYCLIC = replace(STEEL, hardening=0.0, overlay=LAYERS)
 STRETCHED = CF((1e-3, 0, 0, 0, -1e-3, 0, 0, 0, 0), dims=(3, 3))
 OWN = Kinematics("my own", 2, KINEMATICS[0].basis)
 CONTACT = {"contact": "contact", "gap": 3e-4}
@@ -54,6 +57,7 @@ CHANGES = {
     "anisotropic yield": {
         "material": replace(STEEL, hill=Hill.r_values(1.8, 1.2, 2.3, angle=0.2))
     },
+    "cyclic hardening": {"material": CYCLIC},
     "initial plastic strain": {"initial_plastic_strain": STRETCHED},
     "initial hardening": {"material": MIXED, "initial_hardening": 0.5},
     "initial strain": {"initial_strain": 5e-4},

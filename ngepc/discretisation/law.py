@@ -27,6 +27,7 @@ too: ``returned`` finds it, ``moduli`` are those of the others (``across`` is it
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -299,6 +300,21 @@ class Law(ABC):
         return replace(moduli, coupling=own - taken)
 
     # what is asked of a law beside the potential
+
+    def lost(self, at: Return) -> np.ndarray:
+        """beta g, what the plastic strain of the step dissipates (energy per volume), (points,)."""
+        return self.beta * at.gained
+
+    def own_memory(self, at: Return | None = None) -> dict[str, np.ndarray]:
+        """What this law alone hands to the next step, now or after a return: name -> array."""
+        return {}
+
+    def carry(self, arrays: Mapping[str, np.ndarray], beta: np.ndarray) -> None:
+        """Start from what an earlier step has left behind, with a new bound beta(0)."""
+        self.initial = arrays["plastic_strain"]
+        self.back = arrays["back_stress"]
+        accumulated = arrays["accumulated"]
+        self.resistance = replace(self.resistance, beta=beta, accumulated=accumulated)
 
     @staticmethod
     def initial_parts(

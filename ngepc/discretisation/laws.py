@@ -2,11 +2,17 @@
 
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.law import Law, VonMisesLaw
+from ngepc.discretisation.overlay_law import OverlayLaw
 from ngepc.discretisation.points import Points
 from ngepc.model.data import ProblemData
 
 
 def law_of(problem: ProblemData, points: Points) -> Law:
     """The law of a problem at the points."""
-    kind = VonMisesLaw if problem.material.hill is None else HillLaw
+    material = problem.material
+    kind: type[Law] = VonMisesLaw
+    if material.hill is not None:
+        kind = HillLaw
+    if material.overlay is not None:
+        kind = OverlayLaw
     return kind(problem, points)

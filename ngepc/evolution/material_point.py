@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.optimize import root
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_instance
+from ngepc.discretisation.law import Return
 from ngepc.discretisation.laws import law_of
 from ngepc.evolution.load_path import numbers_in
 from ngepc.evolution.result import Memory
@@ -152,10 +153,10 @@ class _Point:
         self.law = law_of(data, self)
         names = ("plastic_strain", "back_stress")
         zero = np.zeros((1, SOLID.d))
-        arrays = dict.fromkeys(names, zero) | {"hardening_variable": zero[:, 0]}
-        self.memory = Memory(
-            SimpleNamespace(points=self), arrays | {"accumulated": zero[:, 0]}
-        )
+        arrays = dict.fromkeys(names, zero)
+        arrays |= dict.fromkeys(("hardening_variable", "accumulated"), zero[:, 0])
+        arrays |= self.law.own_memory()
+        self.memory = Memory(SimpleNamespace(points=self), arrays)
 
     def __len__(self) -> int:
         return 1
@@ -164,8 +165,8 @@ class _Point:
         """A number or a coefficient at the point, shape (1,)."""
         return np.array([float(value(self._middle) if callable(value) else value)])
 
-    def stress(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The stress at a strain, its derivative, and the plastic strain gained, (1, d)."""
+    def stress(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, Return]:
+        """The stress at a strain, its derivative, and the return of the law."""
         law = self.law
         bulk = law.bulk[0]
         at = law.returned((e @ _TRACES)[None], (e @ _DEVIATORS)[None])
@@ -174,7 +175,7 @@ class _Point:
         tangent = bulk * np.outer(_TRACES, _TRACES) + _DEVIATORS @ D @ _DEVIATORS.T
         mean, deviator = law.stress(at)
         stress = mean[0] * _TRACES + _DEVIATORS @ deviator[0]
-        return stress / _ENTRIES, tangent / _ENTRIES[:, None], at.plastic_strain
+        return stress / _ENTRIES, tangent / _ENTRIES[:, None], at
 
     def solved(
         self, e: np.ndarray, target: np.ndarray, held: np.ndarray
@@ -198,12 +199,13 @@ class _Point:
     def accept(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Stress, plastic strain and PEEQ at the end of an increment, where the next one starts."""
         law = self.law
-        stress, _, p = self.stress(e)
-        self.memory = self.memory.after(self.material, p)
-        law.initial, law.back, alpha_1, accumulated = self.memory.arrays.values()
-        peeq = float(accumulated[0])
-        beta = self.at(self.material.yield_bound(float(alpha_1[0]), peeq))
-        law.resistance = replace(law.resistance, beta=beta, accumulated=accumulated)
+        stress, _, at = self.stress(e)
+        own = law.own_memory(at)
+        self.memory = self.memory.after(self.material, at.plastic_strain, own)
+        arrays = self.memory.arrays
+        peeq = float(arrays["accumulated"][0])
+        alpha_1 = float(arrays["hardening_variable"][0])
+        law.carry(arrays, self.at(self.material.yield_bound(alpha_1, peeq)))
         return stress, _DEVIATORS @ law.initial[0] / _ENTRIES, peeq
 
 

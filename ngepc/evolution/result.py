@@ -12,6 +12,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, GridFunction
 
 from ngepc.checks.arguments import is_number
+from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions, Points, on_children
 from ngepc.evolution.load_path import Schedule
@@ -33,7 +34,8 @@ class Memory:
 
     ``arrays`` are coordinates of "plastic_strain" p_0 (1) and "back_stress" dev alpha_2,0 (stress),
     shape (points, d), "hardening_variable" alpha_1,0 >= 0 (1) and "accumulated", PEEQ (1), shape
-    (points,); ``functions`` are the points, and the polynomials through them.
+    (points,); of ``Material.cyclic`` "parts" too, the plastic strains of n sub-elements, shape
+    (points, n d).  ``functions`` are the points, and the polynomials through them.
     """
 
     functions: PointFunctions
@@ -51,12 +53,32 @@ class Memory:
             "hardening_variable": alpha_1,
             "accumulated": problem.accumulated_0,
         }
-        return cls(
-            PointFunctions(points), {name: points.at(v) for name, v in given.items()}
-        )
+        arrays = {name: points.at(v) for name, v in given.items()}
+        arrays |= law_of(problem, points).own_memory()
+        return cls(PointFunctions(points), arrays)
 
-    def after(self, material: Material, p: np.ndarray) -> Memory:
-        """p_0 + p, alpha_2 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step."""
+    def after_step(self, step: EvolutionStep) -> Memory:
+        """What a step leaves, from its displacement and its plastic strain."""
+        points = self.functions.points
+        problem = step.problem
+        p = points.at(step.fields.plastic_increment)
+        if "parts" not in self.arrays:
+            return self.after(problem.material, p)
+        law = law_of(problem, points)
+        u = nodal(step.fields.displacement.vec.FV().NumPy(), problem)
+        at = law.returned(*law.beyond_initial(*points.strain(u)))
+        return self.after(problem.material, p, law.own_memory(at))
+
+    def after(
+        self,
+        material: Material,
+        p: np.ndarray,
+        own: Mapping[str, np.ndarray] | None = None,
+    ) -> Memory:
+        """p_0 + p, alpha_2 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step.
+
+        ``own`` is what the law alone remembers.
+        """
         at = self.functions.points.at
         size = np.linalg.norm(p, axis=1)
         gained = {
@@ -65,9 +87,8 @@ class Memory:
             "hardening_variable": at(material.scalar_growth) * size,
             "accumulated": PEEQ * size,
         }
-        return replace(
-            self, arrays={name: v + gained[name] for name, v in self.arrays.items()}
-        )
+        grown = {name: self.arrays[name] + more for name, more in gained.items()}
+        return replace(self, arrays=grown | dict(own or {}))
 
     def on(self, problem: Problem, parents: np.ndarray) -> Memory:
         """The same functions on a mesh whose simplices lie in these ones; PEEQ stays >= 0."""
@@ -87,6 +108,8 @@ class Memory:
         hardening = tensor(given["back_stress"])
         if not is_zero(material.hardening_modulus):
             hardening = given["hardening_variable"], hardening
+        if "parts" in given:
+            hardening = given["parts"]
         return base.changed(**changes).continued(
             initial_plastic_strain=tensor(given["plastic_strain"]),
             initial_hardening=hardening,
@@ -119,7 +142,7 @@ class StepRecord:
     elastic_energy: (
         float  # 1/2 int C (eps(u) - p) : (eps(u) - p) with the total plastic strain
     )
-    dissipation: float  # int beta |p| with the plastic strain gained in the step
+    dissipation: float  # int beta g by what the step gains of plastic strain
     max_plastic_strain: float  # largest |p_0 + p|_F at the points
     nodes: int  # vertices of the mesh of the step
     error_bound: float | None = None  # ``ErrorBound.relative`` where one was asked for
@@ -140,6 +163,8 @@ class StepRecord:
         gained = points.at(fields.plastic_increment)
 
         lost = points.at(problem.beta) * np.linalg.norm(gained, axis=1)
+        if isinstance(result, ExactResult):
+            lost = result.discrete.law.lost(result.state.at)
         size = np.sqrt((plastic**2).sum(axis=(1, 2)))
         vectors = ("contact_resultant", "reaction", "applied_force")
         return cls(

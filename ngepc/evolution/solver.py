@@ -329,8 +329,6 @@ class _Run:
         return ""
 
     def _append(self, step: EvolutionStep) -> None:
-        memory = self.evolution.memory
-        p = memory.functions.points.at(step.fields.plastic_increment)
-        self.evolution.memory = memory.after(step.problem.material, p)
+        self.evolution.memory = self.evolution.memory.after_step(step)
         self.evolution.steps.append(step)
         self.start = step.fields.displacement

@@ -40,7 +40,10 @@ class ExactResult(DiscreteSolution):
 
     @property
     def plastic_dual(self) -> GridFunction:
-        """The dual variable q = h p - dev sigma + dev alpha_2 (3.8), d components (stress)."""
+        """The dual variable q = h p - dev sigma + dev alpha_2 (3.8), d components (stress).
+
+        With sub-elements the sum of theirs.
+        """
         require_same_mesh(self.discrete.problem)
         return self._plastic_dual
 
@@ -52,9 +55,10 @@ class ExactResult(DiscreteSolution):
 
     @cached_property
     def _plastic_dual(self) -> GridFunction:
-        return self._functions.function(
-            -self.discrete.law.yielding_part(self.state.at), "q"
-        )
+        w = self.discrete.law.yielding_part(self.state.at)
+        d = self.problem.kinematics.d
+        q = -w.reshape(len(w), -1, d).sum(axis=1)
+        return self._functions.function(q, "q")
 
     @cached_property
     def _functions(self) -> PointFunctions:

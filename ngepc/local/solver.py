@@ -45,6 +45,7 @@ COVERS = frozenset(
         "hardening law",
         "rate",
         "anisotropic yield",
+        "cyclic hardening",
         "initial plastic strain",
         "initial hardening",
         "initial strain",

@@ -47,7 +47,7 @@ from ngepc.model.elements import (
 from ngepc.model.features import require_covered
 from ngepc.model.hardening import check_law
 from ngepc.model.kinematics import TWO_DIMENSIONAL
-from ngepc.model.material import Material, split_hardening
+from ngepc.model.material import Material, is_vector, split_hardening
 from ngepc.model.places import Coulomb, Place, Roller, places, values_at, vertices_at
 from ngepc.model.support import check_held, check_motions, held_directions
 from ngepc.model.viscosity import check_rate
@@ -200,9 +200,11 @@ def check_material(problem: ProblemData) -> None:
         check_rate(material.rate, mesh)
     if material.hill is not None:
         check_hill(problem)
+    if material.overlay is not None:
+        check_overlay(problem)
     name = "the hardening h = k + (H sigma_y)^2 k_1"
     h = require_in(name, sample(material.effective_hardening, mesh), "the body").min()
-    if h <= 0 and material.law is None:
+    if h <= 0 and material.law is None and material.overlay is None:
         raise ValueError(
             f"{name} falls to {h:g}: > 0 is needed, "
             "the method is for hardening plasticity (perfect plasticity is a Tabulated law)"
@@ -238,6 +240,30 @@ def check_hill(problem: ProblemData) -> None:
     samples = np.broadcast_arrays(*(sample(f, problem.mesh)[:, 0] for f in fields))
     values = dict(zip(map(id, fields), samples, strict=True))
     material.hill.form(basis, lambda datum: values[id(datum)])
+
+
+def check_overlay(problem: ProblemData) -> None:
+    """Sub-elements without other hardening, of a body in three dimensions."""
+    material = problem.material
+    overlay = material.overlay
+    if problem.kinematics is TWO_DIMENSIONAL:
+        raise ValueError(
+            f'kinematics="two-dimensional" with overlay={overlay!r}: '
+            "another kinematics is needed, the curve is that of a bar in three dimensions"
+        )
+    for name in ("hardening", "hardening_modulus", "law", "rate", "hill"):
+        value = getattr(material, name)
+        absent = value is None or (is_number(value) and value == 0)
+        if not absent:
+            raise ValueError(
+                f"{name}={value!r} with overlay={overlay!r}: leave one of them out"
+            )
+    first = sample(as_scalar(material.yield_stress), problem.mesh)
+    if not np.allclose(first, overlay.bounds[0], rtol=1e-12):
+        raise ValueError(
+            f"yield_stress={material.yield_stress!r} with overlay={overlay!r}: the first bound, "
+            f"{overlay.bounds[0]:g}, is needed"
+        )
 
 
 def check_places(problem: ProblemData) -> None:
@@ -413,7 +439,12 @@ def check_history(problem: ProblemData) -> None:
     if problem.initial_strain is not None:
         require_coefficient("initial_strain", problem.initial_strain, [(), (N, N)])
         _symmetric("initial_strain", problem.eps_0, problem)
-    if isinstance(hardening, tuple) and len(hardening) != 2:
+    overlay = problem.material.overlay
+    if overlay is not None and hardening is not None:
+        count = overlay.count * problem.kinematics.d
+        require_field("initial_hardening", hardening, problem.mesh, shapes=[(count,)])
+    no_pair = isinstance(hardening, tuple) and len(hardening) != 2
+    if no_pair or (overlay is None and is_vector(hardening)):
         legal = f"a scalar, an {N} x {N} coefficient or the pair of both is needed"
         raise ValueError(f"initial_hardening={hardening!r}: {legal}")
     scalar, back_stress = split_hardening(hardening)

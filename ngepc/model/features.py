@@ -177,6 +177,7 @@ FEATURES = {
     "hardening law": _feature("linear hardening, without a law", _in_material, "law"),
     "rate": _feature("a material without a rate", _in_material, "rate"),
     "anisotropic yield": _feature("von Mises yield", _in_material, "hill"),
+    "cyclic hardening": _feature("a single yield surface", _in_material, "overlay"),
     "initial plastic strain": _feature(
         "a body without a history", _present, "initial_plastic_strain"
     ),

@@ -33,12 +33,19 @@ from ngepc.checks.declared import (
 from ngepc.checks.kinds import require_instance
 from ngepc.model.hardening import HardeningLaw
 from ngepc.model.hill import Hill
+from ngepc.model.overlay import Overlay
 from ngepc.model.tensile import PEEQ as PEEQ
-from ngepc.model.tensile import elastic_data, kinematic_share_of, plastic_data
+from ngepc.model.tensile import (
+    elastic_data,
+    kinematic_share_of,
+    law_of_curve,
+    plastic_data,
+)
 from ngepc.model.viscosity import RateLaw
 
 RATE = {"kind": RateLaw, "needed": "a RateLaw such as Norton(...)"}
 HILL = {"kind": Hill, "needed": "Hill(...)"}
+OVERLAY = {"kind": Overlay, "needed": "Overlay(...)"}
 LAW = {"kind": HardeningLaw, "needed": "a HardeningLaw such as Voce(...)"}
 
 
@@ -68,6 +75,9 @@ class Material(Declared):
         steps then need a length, ``Problem.duration``.
     hill
         Anisotropic yield, with kinematic hardening alone; None for von Mises.
+    overlay
+        Sub-elements that yield one after the other, without other hardening (``Material.cyclic``);
+        ``yield_stress`` is then the bound of the first one.  None for a single yield surface.
 
     Raises
     ------
@@ -84,6 +94,7 @@ class Material(Declared):
     law: Annotated[HardeningLaw, Check(require_instance, **LAW)] | None = None
     rate: Annotated[RateLaw, Check(require_instance, **RATE)] | None = None
     hill: Annotated[Hill, Check(require_instance, **HILL)] | None = None
+    overlay: Annotated[Overlay, Check(require_instance, **OVERLAY)] | None = None
 
     @classmethod
     def metal(
@@ -152,6 +163,57 @@ class Material(Declared):
         vars(metal)["given"] = tuple(told)
         return metal
 
+    @classmethod
+    def cyclic(
+        cls,
+        *,
+        young: float,
+        poisson: float,
+        curve: Sequence[tuple[float, float]],
+        yield_stress: float | None = None,
+    ) -> Material:
+        """A metal by its cyclic stress-strain curve, with sub-elements in parallel (Besseling).
+
+        A bar that is loaded for the first time follows the curve; each later branch of a loop is
+        the curve twice as large (Masing), begins to yield early (Bauschinger), and the loop is
+        closed after the first cycle.  Hence there is no ratcheting, and the mean stress of a cycle
+        between two strains does not relax.  Neither of them has a potential.
+
+        Parameters
+        ----------
+        young, poisson
+            Young's modulus E > 0 (stress), Poisson's ratio in (-1, 1/2) (1).
+        curve
+            Pairs (strain amplitude, stress amplitude) of stabilised cycles, two at least beyond the
+            origin; straight between them, and the last line goes on.  It must not bend upwards.
+        yield_stress
+            At which the bar begins to yield (stress).  None for the first point of the curve.
+
+        Returns
+        -------
+        Material
+            It prints as it was given.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a value is not legal, or the curve bends upwards.
+        """
+        lame_lambda, lame_mu = elastic_data(young, poisson)
+        overlay = Overlay.of_curve(law_of_curve(young, curve, yield_stress), lame_mu)
+        metal = cls(
+            lame_lambda=lame_lambda,
+            lame_mu=lame_mu,
+            yield_stress=overlay.bounds[0],
+            overlay=overlay,
+        )
+        given = {"young": young, "poisson": poisson, "curve": curve}
+        given |= {"yield_stress": yield_stress}
+        told = [(name, value) for name, value in given.items() if value is not None]
+        vars(metal)["given"] = tuple(told)
+        vars(metal)["constructor"] = "Material.cyclic"
+        return metal
+
     @property
     def data_sheet(self) -> dict[str, object]:
         """What ``Material.metal`` was given, by name; empty for other materials."""
@@ -159,7 +221,8 @@ class Material(Declared):
 
     def __repr__(self) -> str:
         given = self.data_sheet
-        name = "Material.metal" if given else "Material"
+        made_by = vars(self).get("constructor", "Material.metal")
+        name = made_by if given else "Material"
         if not given:
             given = {field.name: getattr(self, field.name) for field in fields(self)}
         return (
@@ -264,8 +327,18 @@ class Material(Declared):
 
 
 def split_hardening(value: object) -> tuple:
-    """(alpha_1, alpha_2) from ``initial_hardening``; None for what is not given."""
+    """(alpha_1, alpha_2) from ``initial_hardening``; None for what is not given.
+
+    Neither for the plastic strains of sub-elements, a vector.
+    """
     if isinstance(value, tuple):
         return value
+    if is_vector(value):
+        return (None, None)
     tensor = isinstance(value, CoefficientFunction) and len(value.dims) == 2
     return (None, value) if tensor else (value, None)
+
+
+def is_vector(value: object) -> bool:
+    """Whether a value is a vector-valued coefficient."""
+    return isinstance(value, CoefficientFunction) and len(value.dims) == 1

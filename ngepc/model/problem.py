@@ -53,7 +53,9 @@ class Problem(ProblemData):
         p_0, a symmetric trace-free tensor, 2 x 2 or 3 x 3 as the kinematics has it; None for zero.
     initial_hardening
         alpha_0: the scalar alpha_1 >= 0 (isotropic), the symmetric back stress alpha_2
-        (kinematic), or the pair (alpha_1, alpha_2) (combined); None for zero.
+        (kinematic), or the pair (alpha_1, alpha_2) (combined); None for zero.  Of
+        ``Material.cyclic`` a vector, the coordinates of the plastic strains of all sub-elements;
+        None where all of them have ``initial_plastic_strain``.
     prescribed
         Boundary name, ``Edge(name)`` or ``Point(where)`` -> N displacement components, None for a
         free one: {'left': (0, None)}; or ``Roller(direction)``, a support along one direction.

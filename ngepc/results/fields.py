@@ -78,10 +78,32 @@ class Quantities:
 
     @property
     def back_stress(self) -> CoefficientFunction:
-        """Kinematic hardening variable alpha_2 = alpha_2,0 + k p, a tensor (stress)."""
+        """Kinematic hardening variable alpha_2 = alpha_2,0 + k p, a tensor (stress).
+
+        With sub-elements the centre of the smallest yield surface.
+        """
+        if self.problem.material.overlay is not None:
+            return self.deviatoric_stress - self._first_stress
         _, alpha_2 = self.problem.alpha_0
         p = self.problem.kinematics.tensor(self.plastic_increment)
         return alpha_2 + as_scalar(self.problem.material.hardening) * p
+
+    @property
+    def _first_stress(self) -> CoefficientFunction:
+        """The deviatoric stress of the sub-element that yields first, a tensor (stress)."""
+        problem = self.problem
+        kinematics = problem.kinematics
+        material = problem.material
+        p_0 = problem.p_0
+        if problem.initial_hardening is not None:
+            stack = problem.initial_hardening
+            first = tuple(stack[k] for k in range(kinematics.d))
+            p_0 = kinematics.tensor(CF(first))
+        strain = self.strain - problem.eps_0 - p_0
+        trial = 2 * material.lame_mu * kinematics.deviator(strain)
+        bound = material.yield_stress
+        size = frobenius(trial)
+        return trial * IfPos(size - bound, bound / size, 1.0)
 
     @property
     def hardening_variable(self) -> CoefficientFunction:

@@ -157,6 +157,7 @@ USES = {
         {"strain": NOTHING | {"a fraction"}},
     ),
     "Hill": Use(ngepc.Hill, {"F": 0.5, "L": 1.5, "angle": 0.1}),
+    "Overlay": Use(ngepc.Overlay, {"shares": [0.5, 0.2], "bounds": [1.0, 2.0]}),
     "material_point": Use(ngepc.material_point, {"material": Material(**STEEL)}),
     "Tabulated": Use(Tabulated, {"plastic_strain": [0], "stress_there": [1.0]}),
     "Coulomb": Use(Coulomb, {"coefficient": 0.3}),

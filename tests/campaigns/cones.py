@@ -1,6 +1,6 @@
 """Random convex problems by the exact method and by conic programming, which shares no code."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from conic import FULL, minimum
@@ -15,7 +15,15 @@ from netgen.meshing import (
 from netgen.meshing import Mesh as RawMesh
 from ngsolve import BND, CF, VOL, Mesh, x
 
-from ngepc import Contact, Material, Problem, Status, Tabulated, semismooth_newton
+from ngepc import (
+    Contact,
+    Material,
+    Overlay,
+    Problem,
+    Status,
+    Tabulated,
+    semismooth_newton,
+)
 from ngepc.geometries import block
 from ngepc.studies.work import Work
 
@@ -93,6 +101,24 @@ def random_material(random, yield_stress):
     )
 
 
+def with_sub_elements(problem, seed):
+    """The problem with two or three sub-elements that yield one after the other."""
+    random = np.random.default_rng([seed, 2])
+    given = problem.material
+    count = int(random.integers(2, 4))
+    overlay = Overlay(
+        random.uniform(0.2, 0.3, count).tolist(),
+        (given.yield_stress * np.cumsum(random.uniform(0.5, 1.5, count))).tolist(),
+    )
+    material = Material(
+        lame_lambda=given.lame_lambda,
+        lame_mu=given.lame_mu,
+        yield_stress=overlay.bounds[0],
+        overlay=overlay,
+    )
+    return replace(problem, material=material)
+
+
 def random_problem(seed):
     """Plane or solid, both orders, with or without contact, friction, history, a second body."""
     random = np.random.default_rng(seed)
@@ -131,7 +157,7 @@ def random_problem(seed):
             p[2, :2] = p[:2, 2] = 0.0
         p -= np.trace(p) / size_of_tensor * np.eye(size_of_tensor)
         data["initial_plastic_strain"] = CF(tuple(p.ravel().tolist()), dims=p.shape)
-    return Problem(
+    problem = Problem(
         mesh,
         random_material(random, float(random.uniform(0.8, 1.5))),
         traction={loaded: tuple(random.uniform(-2, 2, N).tolist())},
@@ -139,6 +165,8 @@ def random_problem(seed):
         order=order,
         **data,
     )
+    with_axes = problem.kinematics.size == 3
+    return with_sub_elements(problem, seed) if with_axes and seed % 5 == 4 else problem
 
 
 @dataclass(eq=False)

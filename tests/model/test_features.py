@@ -18,6 +18,7 @@ from ngepc import (
     Kinematics,
     Material,
     Norton,
+    Overlay,
     Point,
     Problem,
     Roller,
@@ -63,6 +64,11 @@ ONE_MORE = {
     "hardening law": {"material": LAW},
     "rate": {"material": replace(STEEL, rate=Norton(1.0))},
     "anisotropic yield": {"material": replace(STEEL, hill=Hill())},
+    "cyclic hardening": {
+        "material": replace(
+            STEEL, overlay=Overlay([0.5], [STEEL.yield_stress]), hardening=0.0
+        )
+    },
     "initial plastic strain": {"initial_plastic_strain": CF((0,) * 9, dims=(3, 3))},
     "initial hardening": {"initial_hardening": 0.1},
     "initial strain": {"initial_strain": 1e-3},
