@@ -170,11 +170,7 @@ def solve_to(
         For arguments that are not legal, and problems that no bound covers.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    require_number("relative_error", relative_error, SMALLEST_ERROR, below=1)
-    require_number("percent", percent, 0, strict=True)
-    asked = relative_error if goal is None else percent / 100
-    if goal is not None:
-        require_covered(problem, "a goal", GOALS)
+    asked = asked_error(problem, relative_error, goal, percent)
     require_function("monitor", monitor, "a record", optional=True)
     options = Refinement() if options is None else options
     require_instance("options", options, Refinement, "Refinement(...)")
@@ -184,47 +180,82 @@ def solve_to(
     small = 0.0
     while True:
         result, bound, steps, setting = solved(state, small, options)
-        wanted = None
-        between = ()
-        if goal is not None:
-            wanted = GoalProblem.of_bound(setting, bound).bound_of(goal)
-            between = wanted.interval
-        error = bound.relative if wanted is None else wanted.percent / 100
-        parts = (bound.energy, bound.total, bound.algebraic, bound.relative)
-        records.append(MeshRecord(result.problem.mesh.nv, steps, *parts, *between))
-        log.info(
-            "nodes:%(nodes)6d energy:%(energy).8e bound:%(total).2e", vars(records[-1])
+        interval = (
+            None
+            if goal is None
+            else GoalProblem.of_bound(setting, bound).bound_of(goal)
         )
-        message = ""
+        here = BoundedResult(result, bound, asked, records, "", interval)
+        records.append(mesh_record(here, steps))
+        message = ending(result, reported(records[-1], monitor))
+        if message or here.reached:
+            return replace(here, message=message)
+
+        estimate = bound if interval is None else interval
+        left = asked / here.found
+        mesh, parents = next_mesh(result.problem.mesh, estimate.per_cell, left, options)
+        if mesh.nv > options.max_nodes:
+            message = (
+                f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
+            )
+            return replace(here, message=message)
+        discrete = DiscreteProblem(on_mesh(result.problem, mesh, parents))
+        state = carried_state(result, discrete, parents)
+        small = SMALL_STEP * bound.total
+
+
+def asked_error(
+    problem: Problem, relative_error: float, goal: object, percent: float
+) -> float:
+    """The relative error that is asked for: of the energy, or with a goal of the goal."""
+    require_number("relative_error", relative_error, SMALLEST_ERROR, below=1)
+    require_number("percent", percent, 0, strict=True)
+    if goal is None:
+        return relative_error
+    require_covered(problem, "a goal", GOALS)
+    return percent / 100
+
+
+def mesh_record(here: BoundedResult, steps: int) -> MeshRecord:
+    """The record of a mesh that took this number of Newton steps."""
+    bound = here.bound
+    interval = () if here.goal is None else here.goal.interval
+    return MeshRecord(
+        here.result.problem.mesh.nv,
+        steps,
+        bound.energy,
+        bound.total,
+        bound.algebraic,
+        bound.relative,
+        *interval,
+    )
+
+
+def ending(result: ExactResult, stopped: str) -> str:
+    """Why refinement ends at a result; empty if it may go on."""
+    if stopped or result.status in SOLVED:
+        return stopped
+    return result.ending or result.status.value
+
+
+def reported(record: MeshRecord, monitor: Callable[[MeshRecord], None] | None) -> str:
+    """Log a record and give it to the monitor; the reason if that ends the run."""
+    log.info("nodes:%(nodes)6d energy:%(energy).8e bound:%(total).2e", vars(record))
+    if monitor is not None:
         try:
-            if monitor is not None:
-                monitor(records[-1])
+            monitor(record)
         except StopIteration:
-            message = "The monitor ended the run."
-        else:
-            if result.status not in SOLVED:
-                message = result.ending or result.status.value
-            elif error > asked:
-                per_cell = bound.per_cell if wanted is None else wanted.per_cell
-                finer = next_mesh(bound.problem.mesh, per_cell, asked / error, options)
-                mesh, parents = finer
-                if mesh.nv <= options.max_nodes:
-                    discrete = DiscreteProblem(on_mesh(result.problem, mesh, parents))
-                    state = carried_state(result, discrete, parents)
-                    small = SMALL_STEP * bound.total
-                    continue
-                message = (
-                    f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
-                )
-        return BoundedResult(result, bound, asked, records, message, wanted)
+            return "The monitor ended the run."
+    return ""
 
 
 def next_mesh(
     mesh: Mesh, per_cell: np.ndarray, left: float, options: Refinement
 ) -> tuple[Mesh, np.ndarray]:
-    """The mesh after one with these indicators, in steps of equal size to what shall be left.
+    """The mesh after one with these indicators, and the parents of its elements.
 
-    With the parents of its elements, see ``transfer``.
+    The part ``left`` of the error is to remain on the last mesh; until then the error decreases by
+    the same factor from mesh to mesh.
     """
     wanted = AIM * max(left, LEAST_LEFT)
     meshes = max(1, round(math.log(wanted) / (2 / mesh.dim * math.log(FEWER))))

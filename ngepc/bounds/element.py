@@ -181,17 +181,19 @@ def _derivative(
 def _airy_numbers(powers: np.ndarray) -> list[np.ndarray]:
     """Values and gradients at the vertices, then three numbers of each edge, kind by kind."""
     rows = [
-        _derivative(powers, (v + 1) % 3, CORNERS[v], o)
-        for v in range(3)
-        for o in ORDERS
+        _derivative(powers, (vertex + 1) % 3, CORNERS[vertex], order)
+        for vertex in range(3)
+        for order in ORDERS
     ]
     edges = []
-    for k, (i, _) in enumerate(PAIRS):
-        places = [CORNERS[i] + t * LEGS[k] for t in (0, 0.25, 0.5, 0.75, 1)]
-        value, x, y = (
-            np.array([_derivative(powers, k, p, o) for p in places]) for o in ORDERS
+    for k, (start, _) in enumerate(PAIRS):
+        along = [CORNERS[start] + t * LEGS[k] for t in (0, 0.25, 0.5, 0.75, 1)]
+        value, by_x, by_y = (
+            np.array([_derivative(powers, k, place, order) for place in along])
+            for order in ORDERS
         )
-        slope, across = (d[0] * x + d[1] * y for d in (LEGS[k], NORMALS[k]))
+        slope = LEGS[k][0] * by_x + LEGS[k][1] * by_y
+        across = NORMALS[k][0] * by_x + NORMALS[k][1] * by_y
         bend = across[2] - (across[0] + across[4]) / 2
         even = value[2] - (value[0] + value[4]) / 2 - (slope[0] - slope[4]) / 8
         odd = (across[1] - across[3] - (across[0] - across[4]) / 2) / 6

@@ -26,7 +26,7 @@ from ngsolve import CF, ET, VOL, CoefficientFunction, IntegrationRule, x, y, z
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.simplices import Simplices
-from ngepc.discretisation.sampling import Scan
+from ngepc.discretisation.sampling import HiddenRule, Scan
 from ngepc.model.elements import element_nodes
 
 REFERENCE = {
@@ -59,6 +59,20 @@ def rotating_loads(N: int) -> np.ndarray:
     return np.einsum("aij,kj->aki", rotations(N), middles)
 
 
+def points_on_parts(N: int) -> np.ndarray:
+    """Points of a rule of degree two on each of the N + 1 parts of a cell.
+
+    Barycentric coordinates in the cell, shape ((N + 1)^2, N + 1); a part is spanned by the centre
+    and a facet, and the weights are equal.
+    """
+    share = (1 - (N + 2) ** -0.5) / (N + 1)
+    inside = share + (1 - (N + 1) * share) * np.eye(N + 1)
+    parts = np.repeat(np.eye(N + 1)[None], N + 1, axis=0)
+    own = np.arange(N + 1)
+    parts[own, own] = 1 / (N + 1)
+    return np.matmul(inside, parts).reshape(-1, N + 1)
+
+
 class CarriedLoads:
     """The body force and the tractions of a problem on the cells of its mesh.
 
@@ -78,66 +92,88 @@ class CarriedLoads:
         self._leave_tractions(boundary)
 
     def _carry(self, force: CoefficientFunction) -> None:
-        """The loads of a body force, from points of a rule of degree two on the parts."""
+        """The loads of a body force, from points of a rule of degree two on the parts.
+
+        Elements inside which the force jumps or peaks are integrated by the adaptive rules of
+        ``Scan``.
+        """
         c = self.cells
-        N = self.cells.N
-        share = (1 - (N + 2) ** -0.5) / (N + 1)
-        inside = share + (1 - (N + 1) * share) * np.eye(N + 1)
-        parts = np.repeat(np.eye(N + 1)[None], N + 1, axis=0)
-        parts[np.arange(N + 1), np.arange(N + 1)] = 1 / (N + 1)
-        places = np.matmul(inside, parts).reshape(-1, N + 1)
+        f, share = self._sampled(force)
+        weight = c.volume[:, None, None] / f.shape[1]
+        self.nodal = weight * np.matmul(share.transpose(0, 2, 1), f)
+
+        scan = Scan(c.mesh, force, VOL)
+        rules = {number: scan.rule(number) for number in scan.hidden.tolist()}
+        shares = {n: self._ordered(n, rule.shares) for n, rule in rules.items()}
+        for number, rule in rules.items():
+            work = rule.weights[:, None] * rule.values
+            self.nodal[number] = shares[number].T @ work
+        self.inner = self._inner_loads()
+
+        rest = f - self._carried(share.argmin(axis=2))
+        if rules or np.abs(rest).max() > CONSTANT * np.abs(f).max():
+            inverse, square, _ = from_reference(c, slice(None))
+            turned = np.matmul(rest, inverse.transpose(0, 2, 1))
+            squares = c.volume * (turned**2).sum(axis=2).mean(axis=1)
+            for number, rule in rules.items():
+                part = shares[number].argmin(axis=1)
+                squares[number] = self._square_left(number, rule, part, inverse[number])
+            self.left += INSIDE[c.N] * square * np.sqrt(squares)
+
+    def _sampled(self, force: CoefficientFunction) -> tuple[np.ndarray, np.ndarray]:
+        """A force at the points of the parts of all cells, and their barycentric coordinates.
+
+        Shapes (nt, points, N) and (nt, points, N + 1).
+        """
+        c = self.cells
+        N = c.N
+        places = points_on_parts(N)
         shape = ET.TRIG if N == 2 else ET.TET
-        rule = IntegrationRule(
-            [tuple(p[:N]) for p in places.tolist()], [1.0] * len(places)
-        )
+        reference = [tuple(place[:N]) for place in places.tolist()]
+        rule = IntegrationRule(reference, [1.0] * len(places))
         points = c.mesh.MapToAllElements({shape: rule}, VOL)
         f, at = (
             np.asarray(value(points)).reshape(len(c.nodes), -1, N)
             for value in (force, CF((x, y, z)[:N]))
         )
-        there = np.matmul(
-            at - c.points[c.nodes[:, 0]][:, None], c.inverse.transpose(0, 2, 1)
-        )
-        share = np.concatenate([1 - there.sum(axis=2, keepdims=True), there], axis=2)
-        weight = c.volume[:, None, None] / len(places)
-        self.nodal = weight * np.matmul(share.transpose(0, 2, 1), f)
-        scan = Scan(c.mesh, force, VOL)
-        hidden = {number: scan.rule(number) for number in scan.hidden.tolist()}
-        shares_of = {n: self._ordered(n, rule.shares) for n, rule in hidden.items()}
-        for number, rule in hidden.items():
-            work = rule.weights[:, None] * rule.values
-            self.nodal[number] = shares_of[number].T @ work
-        work = np.matmul(
-            self.nodal, c.inverse.transpose(0, 2, 1)
-        )  # of reference displacements
+        offset = at - c.points[c.nodes[:, 0]][:, None]
+        others = np.matmul(offset, c.inverse.transpose(0, 2, 1))
+        first = 1 - others.sum(axis=2, keepdims=True)
+        return f, np.concatenate([first, others], axis=2)
+
+    def _inner_loads(self) -> np.ndarray:
+        """Coefficients of constant and rotating loads with the work of f on rigid motions."""
+        c = self.cells
+        N = c.N
+        work = np.matmul(self.nodal, c.inverse.transpose(0, 2, 1))
         loads = rotating_loads(N)
-        turns = rotations(N)
         corners = np.vstack([np.zeros(N), np.eye(N)]) - 1 / (N + 1)
         gram = np.einsum("aki,bki->ab", loads, loads) / (math.factorial(N) * (N + 1))
-        torque = np.einsum("tvi,aij,vj->ta", work, turns, corners)
+        torque = np.einsum("tvi,aij,vj->ta", work, rotations(N), corners)
         mean = work.sum(axis=1) * math.factorial(N)
-        self.inner = np.concatenate([mean, torque @ np.linalg.inv(gram)], axis=1)
-        part = share.argmin(axis=2)
-        carried = mean[:, None] + np.einsum(
-            "ta,atqi->tqi", self.inner[:, N:], loads[:, part]
-        )
-        carried = (
-            np.matmul(carried, c.jacobian.transpose(0, 2, 1)) / c.det[:, None, None]
-        )
-        if hidden or np.abs(f - carried).max() > CONSTANT * np.abs(f).max():
-            inverse, square, _ = from_reference(c, slice(None))
-            rest = np.matmul(f - carried, inverse.transpose(0, 2, 1))
-            squares = c.volume * (rest**2).sum(axis=2).mean(axis=1)
-            for number, rule in hidden.items():
-                part = shares_of[number].argmin(axis=1)
-                turning = np.einsum("a,aki->ki", self.inner[number, N:], loads)
-                constant = (mean[number] + turning) @ c.jacobian[number].T
-                rest = rule.values - constant[part] / c.det[number]
-                turned = rest @ inverse[number].T
-                found = rule.weights @ (turned**2).sum(axis=1)
-                stretched = (inverse[number] ** 2).sum(axis=0)
-                squares[number] = found + stretched @ rule.unresolved
-            self.left += INSIDE[N] * square * np.sqrt(squares)
+        return np.concatenate([mean, torque @ np.linalg.inv(gram)], axis=1)
+
+    def _carried(self, part: np.ndarray) -> np.ndarray:
+        """The force f_h that the stress carries at points on given parts (nt, points)."""
+        c = self.cells
+        mean = self.inner[:, : c.N]
+        turning = self.inner[:, c.N :]
+        loads = rotating_loads(c.N)[:, part]
+        carried = mean[:, None] + np.einsum("ta,atqi->tqi", turning, loads)
+        mapped = np.matmul(carried, c.jacobian.transpose(0, 2, 1))
+        return mapped / c.det[:, None, None]
+
+    def _square_left(
+        self, number: int, rule: HiddenRule, part: np.ndarray, inverse: np.ndarray
+    ) -> float:
+        """|M^-1 (f - f_h)|_T^2 on one cell by its adaptive rule, from above."""
+        c = self.cells
+        mean = self.inner[number, : c.N]
+        turning = np.einsum("a,aki->ki", self.inner[number, c.N :], rotating_loads(c.N))
+        constant = (mean + turning) @ c.jacobian[number].T
+        rest = rule.values - constant[part] / c.det[number]
+        found = rule.weights @ ((rest @ inverse.T) ** 2).sum(axis=1)
+        return found + (inverse**2).sum(axis=0) @ rule.unresolved
 
     def _ordered(self, number: int, shares: np.ndarray) -> np.ndarray:
         """Barycentric coordinates in the order of the vertices of a cell here."""

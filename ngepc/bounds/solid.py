@@ -74,34 +74,47 @@ class Faces:
         delta = 0.
         """
         c = self.cells
-        count = len(self.cells.facets)
-        D = np.zeros((count, 9, 9), dtype=SINGLE)
-        x = np.empty((len(H), FREE), dtype=SINGLE)
+        D = np.zeros((len(c.facets), 9, 9), dtype=SINGLE)
+        stresses = np.empty((len(H), FREE), dtype=SINGLE)
         for part in portions(len(H), CHUNK):
-            P = self._piola[part]
-            J = self._jacobian[part, None]
-            sign = c.sign[part]
-            product = np.matmul(np.matmul(P, H[part]), P.transpose(0, 2, 1))
-            product = (product * c.volume[part, None, None]).astype(SINGLE)
-            A = (product.reshape(-1, 36) @ GRAM).reshape(-1, 36, 36)
-            inverse = self._inverse[part] = np.linalg.inv(A[:, :FREE, :FREE])
+            A = self._compliances(H, part)
+            inverse = np.linalg.inv(A[:, :FREE, :FREE])
             pulled = np.matmul(A[:, :FREE, FREE:], loads[part, :, None].astype(SINGLE))
-            x[part] = -np.matmul(inverse, pulled)[:, :, 0]
-            for k, own in enumerate(OWN_SINGLE.reshape(4, 3, 3, FREE)):
-                order = np.argsort(
-                    c.place[part, k], axis=1
-                )  # as the vertices of the face
-                B = np.matmul(J, own[order]).reshape(-1, 9, FREE)
-                block = np.matmul(np.matmul(B, inverse), B.transpose(0, 2, 1))
-                for side in (sign[:, k] > 0, sign[:, k] < 0):
-                    D[c.facet_of[part, k][side]] += block[side]
+            stresses[part] = -np.matmul(inverse, pulled)[:, :, 0]
+            self._inverse[part] = inverse
+            self._add_to_faces(D, inverse, part)
+        self._invert_faces(D)
+        return self.moments(stresses) + self._turned(
+            loads @ ELEMENT.moments[:, FREE:].T
+        )
+
+    def _compliances(self, H: np.ndarray, part: slice) -> np.ndarray:
+        """The compliance matrices of some elements on the reference cell, (nt, 36, 36)."""
+        P = self._piola[part]
+        product = np.matmul(np.matmul(P, H[part]), P.transpose(0, 2, 1))
+        product = (product * self.cells.volume[part, None, None]).astype(SINGLE)
+        return (product.reshape(-1, 36) @ GRAM).reshape(-1, 36, 36)
+
+    def _add_to_faces(self, D: np.ndarray, inverse: np.ndarray, part: slice) -> None:
+        """Add what some elements give to the diagonal blocks of their four faces."""
+        c = self.cells
+        J = self._jacobian[part, None]
+        sign = c.sign[part]
+        for k, own in enumerate(OWN_SINGLE.reshape(4, 3, 3, FREE)):
+            as_face = np.argsort(c.place[part, k], axis=1)
+            B = np.matmul(J, own[as_face]).reshape(-1, 9, FREE)
+            block = np.matmul(np.matmul(B, inverse), B.transpose(0, 2, 1))
+            for side in (sign[:, k] > 0, sign[:, k] < 0):
+                D[c.facet_of[part, k][side]] += block[side]
+
+    def _invert_faces(self, D: np.ndarray) -> None:
+        """Invert the blocks of the faces, where components are held as zero."""
         held = ~self.free.reshape(-1, 9)
         diagonal = np.arange(9)
         D[held[:, :, None] | held[:, None, :]] = 0.0
         D[:, diagonal, diagonal] += held
         self._face_inverse = np.linalg.inv(D)
         self._face_inverse[:, diagonal, diagonal] -= held
-        return self.moments(x) + self._turned(loads @ ELEMENT.moments[:, FREE:].T)
 
     def _turned(self, reference: np.ndarray) -> np.ndarray:
         """Outward moments (nt, 12, 3) from those of the reference cell (nt, 36)."""

@@ -15,7 +15,7 @@ import numpy as np
 from ngsolve import GridFunction
 
 import ngepc
-from ngepc.bounds.adaptive import solve_to
+from ngepc.bounds.adaptive import MeshRecord, solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
 from ngepc.discretisation.loads import displacement_space
@@ -52,25 +52,7 @@ OF_PATHS = ("message", "outer_iterations", "inner_iterations", "total_inner_iter
 
 def solve(args: argparse.Namespace) -> int:
     """``ngepc solve``: one problem by the default, the paper's or the primal method."""
-    if args.method == "primal" and args.gamma is not None:
-        raise ValueError(
-            f"--gamma {args.gamma:g}: the primal method has no regularisation"
-        )
-    found = given(args, ("--gamma G", "--save FILE", *NEWTON))
-    others = ["--" + name.replace("_", "-") for name in found]
-    others += ["--method primal"] * (args.method == "primal") + ["--start"] * (
-        args.start != "zero"
-    )
-    if args.goal is not None and args.error is not None:
-        others.append("--goal")
-    if args.percent is not None and args.goal is None:
-        raise ValueError(f"--percent {args.percent:g}: --goal is needed with it")
-    if others and args.error is not None:
-        raise ValueError(
-            f"--error {args.error:g} and {others[0]}: leave one of them out"
-        )
-    if others and args.goal is not None:
-        raise ValueError(f"--goal {args.goal} and {others[0]}: leave one of them out")
+    _check_options(args)
     check_targets(args.json, args.save)
     if args.figures is not None:
         check_folder(args.figures)
@@ -84,78 +66,121 @@ def solve(args: argparse.Namespace) -> int:
         "error_bound": error,
         **records.provenance(),
     }
-    bound = (
-        "not bounded"
-        if error is None
-        else f"at most {100 * error:.3g} percent, guaranteed"
-    )
+    bound = "not bounded"
+    if error is not None:
+        bound = f"at most {100 * error:.3g} percent, guaranteed"
     summarise(record, bound, args.json, args.quiet)
+
     written = []
     how = "give --save FILE next time to be able to go on"
     if args.save is not None:
-        place = {"name": args.problem, "nodes": args.nodes, "maxh": args.maxh}
-        kept = {"place": place, "record": record, "history": result.history.as_rows()}
-        vector = result.v if record["method"] == "paper" else result.displacement.vec
-        checkpoint.save(
-            args.save, FINGERPRINT, kept, {"state": np.array(vector.FV().NumPy())}
-        )
+        _save_run(args, record, result)
         written = [args.save]
         how = f"resume with: {record['command']} --start {args.save}"
     if args.figures is not None:
-        for name, figure in standard_figures(result, THRESHOLDS[args.problem]).items():
-            written.append(
-                save_figure(figure, args.figures / f"{args.problem}_{name}.png")
-            )
+        figures = standard_figures(result, THRESHOLDS[args.problem])
+        written += saved_figures(figures, args.figures, args.problem)
     if not args.quiet and str(args.json) != "-":
         name_written(written)
     return exit_status("solve", record["status"], f"step {record['iterations']}", how)
 
 
+def _check_options(args: argparse.Namespace) -> None:
+    """A ValueError for options of ``ngepc solve`` that exclude each other."""
+    if args.method == "primal" and args.gamma is not None:
+        raise ValueError(
+            f"--gamma {args.gamma:g}: the primal method has no regularisation"
+        )
+    if args.percent is not None and args.goal is None:
+        raise ValueError(f"--percent {args.percent:g}: --goal is needed with it")
+    found = given(args, ("--gamma G", "--save FILE", *NEWTON))
+    others = ["--" + name.replace("_", "-") for name in found]
+    if args.method == "primal":
+        others.append("--method primal")
+    if args.start != "zero":
+        others.append("--start")
+    if args.error is not None:
+        if args.goal is not None:
+            others.append("--goal")
+        if others:
+            raise ValueError(
+                f"--error {args.error:g} and {others[0]}: leave one of them out"
+            )
+    elif others and args.goal is not None:
+        raise ValueError(f"--goal {args.goal} and {others[0]}: leave one of them out")
+
+
+def _save_run(args: argparse.Namespace, record: dict, result: Result) -> None:
+    """Write a run into the file of ``--save``, for ``load_run``."""
+    place = {"name": args.problem, "nodes": args.nodes, "maxh": args.maxh}
+    kept = {"place": place, "record": record, "history": result.history.as_rows()}
+    vector = result.v if record["method"] == "paper" else result.displacement.vec
+    state = {"state": np.array(vector.FV().NumPy())}
+    checkpoint.save(args.save, FINGERPRINT, kept, state)
+
+
+def saved_figures(figures: dict, folder: Path, start: str) -> list[Path]:
+    """Save figures by their names, which follow the ``start`` of the file names."""
+    return [
+        save_figure(figure, folder / f"{start}_{name}.png")
+        for name, figure in figures.items()
+    ]
+
+
 def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
     """The result, the seconds it took, and the guaranteed relative energy error of solutions."""
-    report = reporter(args.quiet)
     problem = example(args.problem, args.nodes, args.maxh)
     begin = time.perf_counter()
-    if args.goal is not None:
-        percent = 1.0 if args.percent is None else args.percent
-        bounded = solve_to(problem, goal=args.goal, percent=percent, monitor=lambda mesh: report(
-            f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: {args.goal} between "
-            f"{mesh.lower:.6g} and {mesh.upper:.6g}"))  # fmt: skip
-        report(str(bounded.goal))
-        result = bounded.result
-        seconds = time.perf_counter() - begin
-        if result.status.is_success and not bounded.reached:
-            result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)
-        return result, seconds, bounded.bound.relative
-    if args.error is not None:
-        bounded = solve_to(problem, args.error, monitor=lambda mesh: report(
-            f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps: energy error at most "
-            f"{100 * mesh.relative:.3g} percent"))  # fmt: skip
-        result = bounded.result
-        seconds = time.perf_counter() - begin
-        if result.status.is_success and not bounded.reached:
-            result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)
-        return result, seconds, bounded.bound.relative
+    if args.goal is not None or args.error is not None:
+        result, error = _refined(args, problem)
+        return result, time.perf_counter() - begin, error
     options = NewtonOptions(**given(args, NEWTON))
-    start = None
     method = args.method if args.gamma is None else args.gamma
-    if args.start == "coarse":
-        start = coarse_start(args.problem, method, options)
-    elif args.start != "zero":
-        if not Path(args.start).is_file():
-            raise ValueError(
-                f"--start {args.start}: zero, coarse or a file of --save is needed"
-            )
-        start = load_run(Path(args.start))[2]
-    with (
-        nullcontext()
-        if args.quiet or args.verbose
-        else progress_line(args.problem) as line
-    ):
+    start = _start(args, method, options)
+    silent = args.quiet or args.verbose
+    with nullcontext() if silent else progress_line(args.problem) as line:
         result = solved_by(method, problem, start, options, line)
     seconds = time.perf_counter() - begin
     solution = result.status.is_success and not hasattr(result, "regularisation")
     return result, seconds, error_bound(result).relative if solution else None
+
+
+def _refined(args: argparse.Namespace, problem: Problem) -> tuple[Result, float]:
+    """The result on the last mesh for ``--error`` or ``--goal``, and its relative error."""
+    report = reporter(args.quiet)
+
+    def note(mesh: MeshRecord) -> None:
+        size = f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps"
+        found = f"energy error at most {100 * mesh.relative:.3g} percent"
+        if args.goal is not None:
+            found = f"{args.goal} between {mesh.lower:.6g} and {mesh.upper:.6g}"
+        report(f"{size}: {found}")
+
+    if args.goal is None:
+        bounded = solve_to(problem, args.error, monitor=note)
+    else:
+        percent = 1.0 if args.percent is None else args.percent
+        bounded = solve_to(problem, goal=args.goal, percent=percent, monitor=note)
+        report(str(bounded.goal))
+    result = bounded.result
+    if result.status.is_success and not bounded.reached:
+        result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)
+    return result, bounded.bound.relative
+
+
+def _start(
+    args: argparse.Namespace, method: str | float, options: NewtonOptions
+) -> GridFunction | Result | None:
+    """What ``--start`` names: None for zero, a coarse solution, or a saved state."""
+    if args.start == "zero":
+        return None
+    if args.start == "coarse":
+        return coarse_start(args.problem, method, options)
+    if not Path(args.start).is_file():
+        raise ValueError(
+            f"--start {args.start}: zero, coarse or a file of --save is needed"
+        )
+    return load_run(Path(args.start))[2]
 
 
 def limit(args: argparse.Namespace) -> int:
@@ -189,24 +214,27 @@ def limit(args: argparse.Namespace) -> int:
         "wall_time_s": time.perf_counter() - begin,
         **records.provenance(),
     }
-    if str(args.json) == "-":
-        sys.stdout.write(records.to_json(record))
-    else:
-        if not args.quiet:
-            sys.stdout.write(f"load factor at least  {found.lower:.10g}\n")
-            sys.stdout.write(f"and at most           {found.upper:.10g}\n")
-            sys.stdout.write(f"{found.message}\n")
-        if args.json is not None:
-            records.write_text(args.json, records.to_json(record))
-            name_written([args.json])
+    _write_limit(args, record, found.message)
     if args.figures is not None:
         figures = {"bracket": plot_bracket(found)}
         if found.problem.N == 2:
             figures["mechanism"] = plot_mechanism(found)
-        for name, figure in figures.items():
-            path = args.figures / f"{args.body}_{name}.png"
-            name_written([save_figure(figure, path)])
+        name_written(saved_figures(figures, args.figures, args.body))
     return 0 if found.status.is_success else 1
+
+
+def _write_limit(args: argparse.Namespace, record: dict, message: str) -> None:
+    """The bounds of a limit load on standard output, the record into the file of ``--json``."""
+    if str(args.json) == "-":
+        sys.stdout.write(records.to_json(record))
+        return
+    if not args.quiet:
+        sys.stdout.write(f"load factor at least  {record['lower']:.10g}\n")
+        sys.stdout.write(f"and at most           {record['upper']:.10g}\n")
+        sys.stdout.write(f"{message}\n")
+    if args.json is not None:
+        records.write_text(args.json, records.to_json(record))
+        name_written([args.json])
 
 
 def load_run(path: Path) -> tuple[dict, Problem, GridFunction | DualResult]:

@@ -99,44 +99,30 @@ def rival(
     the body is elastic; for others it is a search.
     """
     conditions = here.body.contact
-    gaps = here.gaps
-    forces = here.contact
     cone = conditions.friction
-    processes = conditions.processes
-    if not processes.any((cone.coefficient > 0) & (cone.cap > 0) & ~cone.given):
+    rubs = (cone.coefficient > 0) & (cone.cap > 0) & ~cone.given
+    if not conditions.processes.any(rubs):
         return False, ""
 
-    def answer(d: np.ndarray) -> np.ndarray:
-        """S d."""
+    def compliance(d: np.ndarray) -> np.ndarray:
+        """S d: what the rows move by forces d."""
         return conditions.displacement(solve(conditions.forces(d)))
 
-    if stiffened is not None and not here.body.floating.centres:
-        springs = SPRINGS * here.body.row_stiffness
-        held = stiffened(springs)
-        follows = cone.follows(forces, gaps, ROUNDING * np.abs(gaps).max(initial=0.0))
+    can_be_proved = stiffened is not None and not here.body.floating.centres
+    if can_be_proved and _proved_unique(here, compliance, stiffened):
+        return False, ""
 
-        def stiffness(g: np.ndarray) -> np.ndarray:
-            """(S + 1/springs)^-1 g, by the tangent with springs on the rows (Woodbury)."""
-            d = springs * g
-            return d - springs * conditions.displacement(held(conditions.forces(d)))
-
-        if is_unique(follows, lambda d: answer(d) + d / springs, stiffness):
-            return False, ""
     n = here.multipliers
     pressing = n - here.body.row_stiffness[: len(n)] * here.open_gap
     order = np.argsort(np.where(cone.tied, -np.inf, -pressing), kind="stable")
     rows, left = np.split(order, [most // (cone.d + 1)])
-    if processes.size > 1 or (n[left] > 0).any() or cone.tied[left].any():
+    presses = (n[left] > 0).any() or cone.tied[left].any()
+    if conditions.processes.size > 1 or presses:
         count = conditions.sum_of(np.ones(len(n), dtype=int))
         why = f"Friction on {count} rows: whether there are other equilibria was not examined."
         return False, why
-    chosen = cone.numbers(rows)
-    unit = (np.arange(len(forces)) == chosen[:, None]).astype(float)
-    S = np.array([answer(e)[chosen] for e in unit])
-    sizes = S.diagonal().copy()
-    loose = here.body.floating.compliance[chosen]
-    S += LOOSE * loose @ loose.T
-    other = cone.of(rows).rival(S, gaps[chosen], forces[chosen], sizes)
+
+    other = _other_forces(here, compliance, rows)
     if other is None:
         if len(left) or not cone.enumerable:
             return False, SEARCHED
@@ -144,6 +130,39 @@ def rival(
     found = other[: len(rows)][~cone.tied[rows]].sum()
     ours = n[~cone.tied].sum()
     return True, f"One of them has the contact force {found:.6g} instead of {ours:.6g}."
+
+
+def _proved_unique(
+    here: Iterate, compliance: Solve, stiffened: Callable[[np.ndarray], Solve]
+) -> bool:
+    """Whether ``is_unique`` proves that there are no other forces, with springs on the rows."""
+    conditions = here.body.contact
+    gaps = here.gaps
+    springs = SPRINGS * here.body.row_stiffness
+    held = stiffened(springs)
+    touching = ROUNDING * np.abs(gaps).max(initial=0.0)
+    follows = conditions.friction.follows(here.contact, gaps, touching)
+
+    def stiffness(g: np.ndarray) -> np.ndarray:
+        """(S + 1/springs)^-1 g, by the tangent with springs on the rows (Woodbury)."""
+        d = springs * g
+        return d - springs * conditions.displacement(held(conditions.forces(d)))
+
+    return is_unique(follows, lambda d: compliance(d) + d / springs, stiffness)
+
+
+def _other_forces(
+    here: Iterate, compliance: Solve, rows: np.ndarray
+) -> np.ndarray | None:
+    """Other forces of some rows that obey Coulomb's law, see ``FrictionCone.rival``."""
+    cone = here.body.contact.friction
+    chosen = cone.numbers(rows)
+    unit = (np.arange(len(here.contact)) == chosen[:, None]).astype(float)
+    S = np.array([compliance(e)[chosen] for e in unit])
+    sizes = S.diagonal().copy()
+    loose = here.body.floating.compliance[chosen]
+    S += LOOSE * loose @ loose.T
+    return cone.of(rows).rival(S, here.gaps[chosen], here.contact[chosen], sizes)
 
 
 def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:

@@ -258,29 +258,32 @@ def spring_matrix(
     problem: Problem, V: FESpace, place: Place, springs: list[tuple]
 ) -> csr_matrix:
     """Forces per displacement, flattened node by node, of one of ``Problem.spring_constants``."""
-    N = problem.N
-    u, v = V.TnT()
     if isinstance(place, Point):
-        vertices = vertices_at(place, problem.mesh)
-        rows = (N * vertices[:, None] + np.arange(N)).ravel()
-        numbers = [values_at(k, problem.mesh, place)[1][:, 0] for _, k in springs]
-        return csr_matrix(
-            (np.stack(numbers, axis=1).ravel(), (rows, rows)), shape=(V.ndof, V.ndof)
-        )
-    along = [
-        (problem.normal if d is None else CF(tuple(d)), as_scalar(k))
-        for d, k in springs
-    ]
-    density = sum(k * (d * u) * (d * v) for d, k in along)
+        return _springs_at_point(problem, V, place, springs)
+    u, v = V.TnT()
+    density = 0
+    for given, k in springs:
+        direction = problem.normal if given is None else CF(tuple(given))
+        density += as_scalar(k) * (direction * u) * (direction * v)
     form = BilinearForm(V)
     form += problem.kinematics.weight * density * region_measure(problem, place)
-    matrix = csr_matrix(
-        tuple(map(np.asarray, form.Assemble().mat.CSR())), shape=(V.ndof, V.ndof)
-    )
+    entries = tuple(map(np.asarray, form.Assemble().mat.CSR()))
+    matrix = csr_matrix(entries, shape=(V.ndof, V.ndof))
     by_node = nodal(np.arange(V.ndof), problem).ravel()
     matrix = matrix[by_node][:, by_node]
     matrix.eliminate_zeros()
     return matrix
+
+
+def _springs_at_point(
+    problem: Problem, V: FESpace, place: Point, springs: list[tuple]
+) -> csr_matrix:
+    """Springs along the axes at a point, on the diagonal."""
+    vertices = vertices_at(place, problem.mesh)
+    rows = (problem.N * vertices[:, None] + np.arange(problem.N)).ravel()
+    stiffness = [values_at(k, problem.mesh, place)[1][:, 0] for _, k in springs]
+    entries = np.stack(stiffness, axis=1).ravel()
+    return csr_matrix((entries, (rows, rows)), shape=(V.ndof, V.ndof))
 
 
 class Supports:

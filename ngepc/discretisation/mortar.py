@@ -40,62 +40,96 @@ COVERED = 1e-6  # rows with a smaller part of the largest weight are left out
 
 def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactRows:
     """The conditions at the first of two boundaries; a ValueError if they never face each other."""
-    one, two = (
-        Surface(problem, boundary_names("contact", names, problem.mesh))
-        for names in (pair.first, pair.second)
-    )
+    one, two = surfaces_of(problem, pair)
     at = overlap(one, two)
     if not len(at.weights):
         raise ValueError(
             f"contact={pair!r}: the two boundaries nowhere face each other"
         )
-    weights = at.weights
-    points, N = at.lam.shape
-    if problem.kinematics.hoop:
-        weights = (
-            2 * np.pi * weights * (at.lam * one.corners[at.first, :, 0]).sum(axis=1)
-        )
     space = H1(problem.mesh, order=problem.order)
-    of_facets = one.nodes(space)
-    share = weights[:, None] * biorthogonal(one, at, problem.order)
-    nodes, first, row = np.unique(
-        of_facets[at.first], return_index=True, return_inverse=True
+    means = _mortar_means(problem, space, one, at)
+    jumps = one.means(space, at.first, at.lam) - two.means(space, at.second, at.other)
+    free = supports.free[means.nodes]
+    if pair.tied:
+        return _tied_rows(means, jumps, free)
+    normals = _unit(means.averages @ at.normals)
+    rows = rows_along(
+        normals,
+        means.averages @ jumps,
+        means.averages @ means_along(jumps, at.normals),
+        gaps=means.averages @ at.gaps,
+        nodes=means.nodes,
+        corners=means.corners,
+        weights=means.area,
+        free=free,
     )
-    where = row.ravel(), np.repeat(np.arange(points), share.shape[1])
+    return rows.movable(supports.free)
+
+
+def surfaces_of(problem: Problem, pair: Contact) -> tuple[Surface, Surface]:
+    """The two surfaces of a contact pair."""
+    first, second = (
+        Surface(problem, boundary_names("contact", names, problem.mesh))
+        for names in (pair.first, pair.second)
+    )
+    return first, second
+
+
+@dataclass(frozen=True, eq=False)
+class MortarMeans:
+    """Weighted means over the points of an overlap, one for each node of the first surface."""
+
+    averages: csr_matrix  # shape (rows, points), every row sums to one
+    nodes: np.ndarray  # node of each row
+    corners: np.ndarray  # four corners of which a node is the mean, shape (rows, 4)
+    area: np.ndarray  # length or area of each row
+
+
+def _mortar_means(
+    problem: Problem, space: H1, one: Surface, at: Overlap
+) -> MortarMeans:
+    """The means with biorthogonal functions; nodes that are hardly covered are left out."""
+    points, N = at.lam.shape
+    weights = at.weights
+    if problem.kinematics.hoop:
+        radius = (at.lam * one.corners[at.first, :, 0]).sum(axis=1)
+        weights = 2 * np.pi * weights * radius
+    nodes, first, row = np.unique(
+        one.nodes(space)[at.first], return_index=True, return_inverse=True
+    )
+    share = weights[:, None] * biorthogonal(one, at, problem.order)
+    per_facet = share.shape[1]
+    where = row.ravel(), np.repeat(np.arange(points), per_facet)
     sums = csr_matrix((share.ravel(), where), shape=(len(nodes), points))
     area = np.asarray(sums.sum(axis=1)).ravel()
     kept = area > COVERED * area.max()
-    averages = diags(1 / area[kept]) @ sums[kept]
-    facet = at.first[first[kept] // share.shape[1]]
-    local = first[kept] % share.shape[1]
-    corners = np.take_along_axis(
-        one.vertices[facet], four_corners(N, problem.order)[local], axis=1
+
+    facet = at.first[first[kept] // per_facet]
+    local = four_corners(N, problem.order)[first[kept] % per_facet]
+    return MortarMeans(
+        averages=diags(1 / area[kept]) @ sums[kept],
+        nodes=nodes[kept],
+        corners=np.take_along_axis(one.vertices[facet], local, axis=1),
+        area=area[kept],
     )
-    nodes = nodes[kept]
-    area = area[kept]
-    jumps = one.means(space, at.first, at.lam) - two.means(space, at.second, at.other)
-    means = averages @ jumps
-    free = supports.free[nodes]
-    if pair.tied:
-        every = np.tile(np.arange(len(area)), N)
-        given = {
-            "nodes": nodes[every],
-            "corners": corners[every],
-            "weights": area[every],
-            "free": free[every],
-        }
-        axes = np.repeat(np.eye(N), len(area), axis=0)
-        rows = rows_along(
-            axes, means[every], gaps=np.zeros(len(every)), tied=True, **given
-        )
-        return rows.chosen(np.flatnonzero(free.T.ravel()))
-    normals = _unit(averages @ at.normals)
-    along = averages @ means_along(jumps, at.normals)
-    given = {"nodes": nodes, "corners": corners, "weights": area}
+
+
+def _tied_rows(means: MortarMeans, jumps: csr_matrix, free: np.ndarray) -> ContactRows:
+    """Rows along all axes without a gap, for what is not clamped."""
+    count = len(means.area)
+    N = free.shape[1]
+    every = np.tile(np.arange(count), N)
     rows = rows_along(
-        normals, means, along, gaps=averages @ at.gaps, free=free, **given
+        np.repeat(np.eye(N), count, axis=0),
+        (means.averages @ jumps)[every],
+        gaps=np.zeros(len(every)),
+        tied=True,
+        nodes=means.nodes[every],
+        corners=means.corners[every],
+        weights=means.area[every],
+        free=free[every],
     )
-    return rows.movable(supports.free)
+    return rows.chosen(np.flatnonzero(free.T.ravel()))
 
 
 class Surface:
@@ -319,10 +353,7 @@ def biorthogonal(one: Surface, at: Overlap, order: int) -> np.ndarray:
 
 def deepest_pair_overlap(problem: Problem, pair: Contact, u: np.ndarray) -> float:
     """The largest n . (u_1 - u_2) - gap at the points of a pair for nodal values u (nodes, N)."""
-    one, two = (
-        Surface(problem, boundary_names("contact", names, problem.mesh))
-        for names in (pair.first, pair.second)
-    )
+    one, two = surfaces_of(problem, pair)
     at = overlap(one, two)
     space = H1(problem.mesh, order=problem.order)
     moved = one.means(space, at.first, at.lam) @ u

@@ -144,33 +144,30 @@ def follow_path(
     require_instance("problem", problem, Problem, "a Problem")
     require_instance("options", options, PathOptions, "PathOptions(...)")
     require_instance("spaces", spaces, DualSpaces, "DualSpaces(...)")
-    watchers = {
-        "monitor": monitor,
-        "newton_monitor": newton_monitor,
-        "observer": observer,
-    }
-    for name, watcher in watchers.items():
+    watchers = ("monitor", monitor), ("newton_monitor", newton_monitor)
+    for name, watcher in (*watchers, ("observer", observer)):
         require_function(name, watcher, "what it is shown", optional=True)
     store = PathStore(checkpoint, problem, spaces, options)
     newton = options.newton
-    steps, kept = store.load()
     blocks = LinearBlocks(own_copy(problem), spaces, newton.direct_solver)
     rules = Rules(options, blocks)
     system = NewtonSystem(blocks, newton.direct_solver)
     functional = partial(DualFunctional, blocks, newton.quadrature_points)
-    how = newton.linesearch, newton.max_iterations, newton_monitor
+    limits = newton.linesearch, newton.max_iterations, newton_monitor
+    steps, kept = store.load()
     last = DualResult.restored(functional(steps[-1].gamma), **kept) if steps else None
     try:
         while (status := rules.status(steps)) is None:
             gamma, aim = rules.next(steps)
             v = blocks.H_vector() if last is None else last.v
-            last = algorithm_7_1(system, functional(gamma), v, aim, *how)
+            last = algorithm_7_1(system, functional(gamma), v, aim, *limits)
             steps.append(PathStep.after(steps, last))
             store.save(steps, last)
             logger.info("gamma %.4g: %s", gamma, steps[-1])
-            for watcher, seen in ((observer, last), (monitor, steps[-1])):
-                if watcher is not None:
-                    watcher(seen)
+            if observer is not None:
+                observer(last)
+            if monitor is not None:
+                monitor(steps[-1])
     except (StopIteration, KeyboardInterrupt):
         if last is None:
             raise  # there is no state yet

@@ -101,32 +101,15 @@ def material_point(
     """
     require_instance("material", material, Material, "a Material")
     steps = require_integer("steps", steps, 1)
-    strains = _corners("strain", strain)
-    stresses = _corners("stress", stress)
-    twice = sorted(set(strains) & set(stresses))
-    if twice:
-        raise ValueError(
-            f"stress={stress!r}: {twice[0]!r} is in strain too, one is needed"
-        )
-    given = strains | stresses
-    held = np.array([name in strains for name in COMPONENTS])
-    lengths = {len(values) for values in given.values()} - {1} or {1}
-    if len(lengths) > 1:
-        raise ValueError(
-            f"strain={strain!r}, stress={stress!r}: as many corners each are needed"
-        )
-    (count,) = lengths
-    corners = np.arange(count + 1)
-    times = np.arange(1, count * steps + 1) / steps
-    path = [
-        np.append(0.0, np.ones(count) * given.get(name, (0.0,))) for name in COMPONENTS
-    ]
+    path = _path_between_corners(strain, stress, steps)
+    held = np.array([name in (strain or {}) for name in COMPONENTS])
     if duration is not None:
         duration = require_number("duration", duration, 0, strict=True) / steps
+
     point = _Point(material, duration)
     e = np.zeros(6)
     found = []
-    for target in np.array([np.interp(times, corners, values) for values in path]).T:
+    for target in path:
         e = point.solved(e, target, held)
         if e is None:
             break
@@ -138,6 +121,33 @@ def material_point(
         corners=np.arange(steps - 1, len(found), steps),
         status=Status.LIMIT_LOAD if e is None else Status.CONVERGED,
     )
+
+
+def _path_between_corners(
+    strain: Path | None, stress: Path | None, steps: int
+) -> np.ndarray:
+    """The given components at the end of each increment, shape (increments, 6)."""
+    strains = _corners("strain", strain)
+    stresses = _corners("stress", stress)
+    twice = sorted(set(strains) & set(stresses))
+    if twice:
+        raise ValueError(
+            f"stress={stress!r}: {twice[0]!r} is in strain too, one is needed"
+        )
+    given = strains | stresses
+    lengths = {len(values) for values in given.values()} - {1} or {1}
+    if len(lengths) > 1:
+        raise ValueError(
+            f"strain={strain!r}, stress={stress!r}: as many corners each are needed"
+        )
+    (count,) = lengths
+    corners = np.arange(count + 1)
+    times = np.arange(1, count * steps + 1) / steps
+    columns = []
+    for name in COMPONENTS:
+        values = np.append(0.0, np.ones(count) * given.get(name, (0.0,)))
+        columns.append(np.interp(times, corners, values))
+    return np.column_stack(columns)
 
 
 class _Point:

@@ -217,30 +217,36 @@ def _pieces(mesh: Mesh, count: int) -> list[tuple]:
     wanted = facet_keys(facets, mesh)
     owner = part[owners[np.searchsorted(keys, wanted)]]
     inner = boundary[np.isin(wanted, keys[1:][np.diff(keys) == 0])]
-    materials = mesh.GetMaterials()
     boundaries = mesh.GetBoundaries()
     interfaces = frozenset(boundaries[k] for k in np.unique(inner))
-    of_body = [
-        (N, name, elements, part, material == k) for k, name in enumerate(materials)
+    regions = [
+        (N, name, elements, part, material == k)
+        for k, name in enumerate(mesh.GetMaterials())
     ]
-    of_sides = [
+    regions += [
         (N - 1, name, facets, owner, boundary == k) for k, name in enumerate(boundaries)
     ]
     vertices = [np.unique(elements[part == rank]) for rank in range(count)]
     pieces = []
     for rank, mine in enumerate(vertices):
-        common = {
-            r: np.intersect1d(mine, other)
-            for r, other in enumerate(vertices)
-            if r != rank
-        }
-        copies = {r: np.searchsorted(mine, v) for r, v in common.items() if len(v)}
-        regions = [
-            (d, name, np.searchsorted(mine, cells[there & (home == rank)]))
-            for d, name, cells, home, there in of_body + of_sides
+        own_regions = [
+            (dimension, name, np.searchsorted(mine, cells[there & (home == rank)]))
+            for dimension, name, cells, home, there in regions
         ]
-        pieces.append((points[mine], regions, interfaces, copies))
+        copies = _copies(vertices, rank)
+        pieces.append((points[mine], own_regions, interfaces, copies))
     return pieces
+
+
+def _copies(vertices: list[np.ndarray], rank: int) -> dict[int, np.ndarray]:
+    """Other process -> the vertices of a process that it has, too, by their numbers here."""
+    mine = vertices[rank]
+    copies = {}
+    for other, theirs in enumerate(vertices):
+        common = np.intersect1d(mine, theirs)
+        if other != rank and len(common):
+            copies[other] = np.searchsorted(mine, common)
+    return copies
 
 
 def partition(points: np.ndarray, count: int) -> np.ndarray:

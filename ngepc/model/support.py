@@ -23,7 +23,7 @@ from ngepc.model.elements import (
     facet_keys,
     vertex_coordinates,
 )
-from ngepc.model.places import values_at
+from ngepc.model.places import Place, values_at
 from ngepc.model.processes import processes_of
 
 FREE_NORMAL = 0.1
@@ -162,44 +162,61 @@ def check_free_normal(problem: ProblemData, held: np.ndarray) -> None:
 
     ``held`` has the values of ``held_values``.
     """
-    mesh = problem.mesh
-    rollers = problem.rollers.items()
     for name in problem.contact_names:
-        vertices, normal = values_at(problem.normal, mesh, name)
-        gap = values_at(problem.gaps[name], mesh, name)[1][:, 0]
-        fixed = ~np.isnan(held[vertices])
-        u = np.nan_to_num(held[vertices])
-        free = np.linalg.norm(np.where(fixed, 0.0, normal), axis=1)
-        size = max(np.abs(a[fixed.any(axis=1)]).max(initial=0.0) for a in (u, gap))
-        partly = (free > HELD_NORMAL) & (free < FREE_NORMAL) | (
-            free < FREE_NORMAL
-        ).all()
-        beyond = np.einsum("ki,ki->k", u, normal) - gap > 1e-8 * size
-        beyond &= free <= HELD_NORMAL
-        for why, bad in {
-            "where they meet, the normal component must be free (None)": partly,
-            "the given displacement there must not exceed the gap, a larger gap is needed": beyond,
-        }.items():
-            if bad.any():
-                k = int(bad.argmax())
-                where = vertex_coordinates(mesh)[vertices[k]].round(6).tolist()
-                raise ValueError(
-                    f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} hold the "
-                    f"normal displacement of contact={name!r} at {where}, gap={gap[k]:g}: {why}"
-                )
-        for place, roller in rollers:
-            nodes, directions = values_at(
-                roller.direction or problem.normal, mesh, place
+        vertices, normal = values_at(problem.normal, problem.mesh, name)
+        _check_held_on_contact(problem, name, held[vertices], vertices, normal)
+        for place in problem.rollers:
+            _check_roller_on_contact(problem, name, place, vertices, normal)
+
+
+def _check_held_on_contact(
+    problem: ProblemData,
+    name: str,
+    held: np.ndarray,
+    vertices: np.ndarray,
+    normal: np.ndarray,
+) -> None:
+    """The components that clamps and given displacements hold at vertices of contact."""
+    gap = values_at(problem.gaps[name], problem.mesh, name)[1][:, 0]
+    fixed = ~np.isnan(held)
+    u = np.nan_to_num(held)
+    free = np.linalg.norm(np.where(fixed, 0.0, normal), axis=1)
+    none_free = (free < FREE_NORMAL).all()
+    partly = (free > HELD_NORMAL) & (free < FREE_NORMAL) | none_free
+    size = max(np.abs(a[fixed.any(axis=1)]).max(initial=0.0) for a in (u, gap))
+    overlap = np.einsum("ki,ki->k", u, normal) - gap
+    beyond = (overlap > 1e-8 * size) & (free <= HELD_NORMAL)
+    for why, bad in {
+        "where they meet, the normal component must be free (None)": partly,
+        "the given displacement there must not exceed the gap, a larger gap is needed": beyond,
+    }.items():
+        if bad.any():
+            k = int(bad.argmax())
+            where = vertex_coordinates(problem.mesh)[vertices[k]].round(6).tolist()
+            raise ValueError(
+                f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} hold the "
+                f"normal displacement of contact={name!r} at {where}, gap={gap[k]:g}: {why}"
             )
-            both = np.isin(vertices, nodes)
-            for node, n in zip(vertices[both], normal[both], strict=True):
-                if (
-                    np.abs(directions[nodes == node] @ n) > np.sqrt(1 - FREE_NORMAL**2)
-                ).any():
-                    raise ValueError(
-                        f"prescribed[{place!r}] holds the normal displacement of contact={name!r}: "
-                        "where they meet, it must be free"
-                    )
+
+
+def _check_roller_on_contact(
+    problem: ProblemData,
+    name: str,
+    place: Place,
+    vertices: np.ndarray,
+    normal: np.ndarray,
+) -> None:
+    """The direction of a roller is not the normal where both meet."""
+    direction = problem.rollers[place].direction or problem.normal
+    nodes, directions = values_at(direction, problem.mesh, place)
+    both = np.isin(vertices, nodes)
+    for node, n in zip(vertices[both], normal[both], strict=True):
+        along = np.abs(directions[nodes == node] @ n)
+        if (along > np.sqrt(1 - FREE_NORMAL**2)).any():
+            raise ValueError(
+                f"prescribed[{place!r}] holds the normal displacement of contact={name!r}: "
+                "where they meet, it must be free"
+            )
 
 
 def constraints(problem: ProblemData) -> tuple[np.ndarray, np.ndarray]:

@@ -214,21 +214,24 @@ def crossed(data: np.ndarray, level: np.ndarray) -> np.ndarray:
     """One or two triangles for each tetrahedron that the plane crosses."""
     above = level > 0
     count = above.sum(axis=1)
-    found = []
-    for lone in (1, 3):
+    triangles = []
+    for lone in (1, 3):  # one vertex is alone on its side: a triangle
         some = count == lone
-        own, at = data[some], level[some]
+        own = data[some]
+        heights = level[some]
         apex = np.argmax(above[some] == (lone == 1), axis=1)
-        ends = [between(own, at, apex, (apex + k) % 4) for k in (1, 2, 3)]
-        found.append(np.stack(ends, axis=1))
-    some = count == 2
-    own, at = data[some], level[some]
+        ends = [between(own, heights, apex, (apex + k) % 4) for k in (1, 2, 3)]
+        triangles.append(np.stack(ends, axis=1))
+    some = count == 2  # two on each side: a quadrilateral, cut into two triangles
     order = np.argsort(above[some], axis=1, kind="stable")
-    a, b, c, d = order.T
-    pairs = ((a, c), (a, d), (b, d), (b, c))
-    p, q, r, s = (between(own, at, i, j) for i, j in pairs)
-    found += [np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)]
-    return np.concatenate(found)
+    low, lower, high, higher = order.T
+    first, second, third, fourth = (
+        between(data[some], level[some], i, j)
+        for i, j in ((low, high), (low, higher), (lower, higher), (lower, high))
+    )
+    triangles.append(np.stack([first, second, third], axis=1))
+    triangles.append(np.stack([first, third, fourth], axis=1))
+    return np.concatenate(triangles)
 
 
 def tetrahedra(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:

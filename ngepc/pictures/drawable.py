@@ -110,12 +110,7 @@ def drawable(
             f"field={field!r}: the name of a field or a CoefficientFunction is needed"
         )
     if field == "contact_pressure":
-        if not fields.problem.touching_names or fields.problem.N == 2:
-            plane = "that of plane bodies is drawn by plot_contact_pressure"
-            needed = f"a solid with a contact boundary is needed; {plane}"
-            raise ValueError(f"field='contact_pressure': {needed}")
-        label = f"contact pressure{units.of('stress')}"
-        return Drawable(pressure_on_boundary(source), label, "YlGnBu")
+        return _drawable_pressure(source, fields, units)
     match = re.fullmatch(r"(.+)_([xyz]{1,2})", field)
     name, letters = match.groups() if match else (field, "")
     if name not in KINDS:
@@ -126,17 +121,8 @@ def drawable(
     symbol, title, unit, colormap = KINDS[name]
     coefficient = field_of(source, name)
     rank = len(coefficient.dims) if coefficient.dim > 1 else 0
-    if letters and not rank:
-        raise ValueError(
-            f"field={field!r}: this field is a scalar and has no components"
-        )
     if letters:
-        axes = "xyz"[: coefficient.dims[0]]
-        if len(letters) != rank or not set(letters) <= set(axes):
-            needed = f"{rank} of the letters {axes!r} name a component of this field"
-            raise ValueError(f"field={field!r}: {needed}")
-        index = tuple(map(axes.index, letters))
-        coefficient = coefficient[index if rank == 2 else index[0]]
+        coefficient = _component(field, coefficient, letters, rank)
         symbol = f"{symbol}_{{{letters}}}"
         colormap = SIGNED
     elif rank:
@@ -144,6 +130,32 @@ def drawable(
         symbol = f"|{symbol}|" + "_F" * (rank == 2)
     label = f"{title} ${symbol}${units.of(unit)}"
     return Drawable(visible(fields, coefficient), label, colormap, coefficient)
+
+
+def _drawable_pressure(source: object, fields: Fields, units: UnitNames) -> Drawable:
+    """The contact pressure of a solid on its boundary."""
+    if not fields.problem.touching_names or fields.problem.N == 2:
+        plane = "that of plane bodies is drawn by plot_contact_pressure"
+        needed = f"a solid with a contact boundary is needed; {plane}"
+        raise ValueError(f"field='contact_pressure': {needed}")
+    label = f"contact pressure{units.of('stress')}"
+    return Drawable(pressure_on_boundary(source), label, "YlGnBu")
+
+
+def _component(
+    field: str, coefficient: CoefficientFunction, letters: str, rank: int
+) -> CoefficientFunction:
+    """The component of a vector or a tensor that the letters at the end of ``field`` name."""
+    if not rank:
+        raise ValueError(
+            f"field={field!r}: this field is a scalar and has no components"
+        )
+    axes = "xyz"[: coefficient.dims[0]]
+    if len(letters) != rank or not set(letters) <= set(axes):
+        needed = f"{rank} of the letters {axes!r} name a component of this field"
+        raise ValueError(f"field={field!r}: {needed}")
+    index = tuple(map(axes.index, letters))
+    return coefficient[index if rank == 2 else index[0]]
 
 
 def on_one_scale(

@@ -35,6 +35,7 @@ from ngepc.pictures.meshes import draw_names, is_mesh
 from ngepc.pictures.sampling import Corners, corners_of, obstacle_lines, visible
 from ngepc.pictures.stills import Angles, draw_solid, solid_image
 from ngepc.pictures.style import Picture, styled
+from ngepc.results.fields import Fields
 
 SETS = (style.ELASTIC, style.PLASTIC, style.CONTACT)
 
@@ -274,45 +275,69 @@ class Drawing(Declared):
         panels = (
             [self.axes] if self.axes else self._panels(corners[0], len(corners), bar)
         )
-        scale = self.deformation_scale
-        length = self.units.of("length")
         for axes, (title, source), sampled in zip(
             panels, sources.items(), corners, strict=True
         ):
             axes.set_title(title or _method(source))
             fields = fields_of(source)
-            points = sampled.deformed(scale)
-            mesh = (
-                corners_of(fields, border=True).deformed(scale)
-                if self.mesh_lines
-                else None
-            )
             if fields.problem.N == 3:
-                image = solid_image(points, sampled.values, colours, mesh, self.view)
-                draw_solid(axes, image, self.view)
-                continue
-            triangles = np.arange(points.size // 2).reshape(-1, 3)
-            shade = {"cmap": colours.cmap, "norm": colours.norm, "shading": "gouraud"}
-            shade |= {"triangles": triangles, "rasterized": True}
-            axes.tripcolor(*points.reshape(-1, 2).T, sampled.values.ravel(), **shade)
-            border = corners_of(fields, where=".*")
-            lines = [(border.points, style.OUTLINE, 0.7, 0)]
-            if self.outline:
-                lines += [(border.deformed(scale), style.DEFORMED, 0.6, 3)]
-            if mesh is not None:
-                lines += [
-                    (mesh, style.GUIDE, min(0.3, 450 / fields.problem.mesh.ne), 2)
-                ]
-            if scale > 0:
-                lines += [(obstacle_lines(fields, scale), style.OBSTACLE, 1.4, 4)]
-            for segments, colour, width, above in lines:
-                line = {"colors": colour, "linewidths": width, "zorder": above}
-                axes.add_collection(LineCollection(segments, **line))
-            axes.set(xlabel=f"x{length}", ylabel=f"y{length}", aspect="equal")
-            axes.grid(False)
-            axes.autoscale_view()
-            axes.margins(0.03)
+                self._draw_solid(axes, fields, sampled, colours)
+            else:
+                self._draw_plane(axes, fields, sampled, colours)
         return panels
+
+    def _mesh_edges(self, fields: Fields) -> np.ndarray | None:
+        """The deformed edges of the mesh, if they are to be drawn."""
+        if not self.mesh_lines:
+            return None
+        return corners_of(fields, border=True).deformed(self.deformation_scale)
+
+    def _draw_solid(
+        self, axes: Axes, fields: Fields, sampled: Corners, colours: ScalarMappable
+    ) -> None:
+        """A solid as an image, seen from ``view``."""
+        points = sampled.deformed(self.deformation_scale)
+        edges = self._mesh_edges(fields)
+        image = solid_image(points, sampled.values, colours, edges, self.view)
+        draw_solid(axes, image, self.view)
+
+    def _draw_plane(
+        self, axes: Axes, fields: Fields, sampled: Corners, colours: ScalarMappable
+    ) -> None:
+        """A plane body as triangles in colours, with its outlines and the obstacle."""
+        points = sampled.deformed(self.deformation_scale)
+        axes.tripcolor(
+            *points.reshape(-1, 2).T,
+            sampled.values.ravel(),
+            triangles=np.arange(points.size // 2).reshape(-1, 3),
+            cmap=colours.cmap,
+            norm=colours.norm,
+            shading="gouraud",
+            rasterized=True,
+        )
+        for segments, colour, width, above in self._lines(fields):
+            line = {"colors": colour, "linewidths": width, "zorder": above}
+            axes.add_collection(LineCollection(segments, **line))
+        length = self.units.of("length")
+        axes.set(xlabel=f"x{length}", ylabel=f"y{length}", aspect="equal")
+        axes.grid(False)
+        axes.autoscale_view()
+        axes.margins(0.03)
+
+    def _lines(self, fields: Fields) -> list[tuple[np.ndarray, str, float, int]]:
+        """Segments, colour, width and depth of the lines on a plane body."""
+        scale = self.deformation_scale
+        border = corners_of(fields, where=".*")
+        lines = [(border.points, style.OUTLINE, 0.7, 0)]
+        if self.outline:
+            lines.append((border.deformed(scale), style.DEFORMED, 0.6, 3))
+        edges = self._mesh_edges(fields)
+        if edges is not None:
+            width = min(0.3, 450 / fields.problem.mesh.ne)
+            lines.append((edges, style.GUIDE, width, 2))
+        if scale > 0:
+            lines.append((obstacle_lines(fields, scale), style.OBSTACLE, 1.4, 4))
+        return lines
 
     def _panels(self, corners: Corners, count: int, bar: bool) -> list[Axes]:
         """Axes of a new figure for bodies of this size, three in a row, on a common scale."""

@@ -45,6 +45,131 @@ SOLVED = 1e-15
 """Part of the stress to which the equation of a law of hardening is solved."""
 
 
+class DataOnMesh:
+    """Data of a problem as functions on its mesh, by their values at the points."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.points = Points(problem.mesh, problem.kinematics, problem.order)
+        self.functions = PointFunctions(self.points)
+
+    def sampled(self, value: CoefficientFunction) -> GridFunction:
+        """The function with the values of a coefficient at the points, as they are now."""
+        return self.functions.function(self.points.at(value))
+
+    def own(self, value: Coefficient) -> CoefficientFunction:
+        """Data as a function on the mesh, the same at the points.
+
+        With coefficients that NGSolve cannot evaluate for several points at once, such as functions
+        on other meshes, it leaves matrices on ``H1(dim=N)`` unset.
+        """
+        if is_number(value):
+            return CF(float(value))
+        function = self.sampled(value)
+        if not value.dims:
+            return function
+        return CF(tuple(function[i] for i in range(value.dim)), dims=tuple(value.dims))
+
+
+class LinearReturn:
+    """|p| = (|s| - beta) / (2 mu_2 + h), without a law of hardening or of the rate.
+
+    ``gained`` is |p|, ``bound`` beta(|p|), ``slope`` its derivative, ``energy`` its integral from 0
+    to |p|; ``least_stiffness`` is the smallest part of the stiffness that the tangent keeps.
+    """
+
+    least_stiffness = 0.0
+
+    def __init__(
+        self,
+        modulus: CoefficientFunction,
+        length: CoefficientFunction,
+        beta: CoefficientFunction,
+    ) -> None:
+        self.gained = (length - beta) / modulus
+        self.bound = beta
+        self.slope = CF(0.0)
+        self.energy = beta * self.gained
+
+    def update(self) -> None:
+        """A closed form needs none."""
+
+
+class LawReturn:
+    """|p| by Newton's method at the points, with a law of hardening, of the rate, or both.
+
+    The attributes are those of ``LinearReturn``.  The unknown is |p|, with a rate the overstress of
+    a bar; it follows the displacement after ``update``.
+    """
+
+    least_stiffness = SOFTEST
+
+    def __init__(
+        self,
+        problem: Problem,
+        data: DataOnMesh,
+        modulus: CoefficientFunction,
+        length: CoefficientFunction,
+        beta: CoefficientFunction,
+    ) -> None:
+        law = problem.material.law
+        rate = problem.rate
+        self._data = data
+        self._law = None if law is None else law.at(data.own)
+        self._rate = None if rate is None else rate.at(data.own)
+        self._duration = problem.duration
+        self._start = data.own(problem.initial_accumulated or 0.0)
+        self._beta = beta
+
+        unknown = L2(problem.mesh, order=0).TrialFunction()
+        stress = modulus * self._gained(unknown) + self._bound(unknown)
+        equation = stress / length - 1
+        self._solution = NewtonCF(equation, CF(0.0), tol=SOLVED, maxiter=MOST_STEPS)
+        self._found = data.sampled(self._solution)
+        self.gained = self._gained(self._found)
+        self.bound = self._bound(self._found)
+        self.slope = CF(0.0)
+        self.energy = beta * self.gained
+        self._add_law()
+        self._add_rate()
+
+    def _gained(self, value: CoefficientFunction) -> CoefficientFunction:
+        """|p| for a value of the unknown."""
+        if self._rate is None:
+            return value
+        overstress = IfPos(value - NOTHING, value, NOTHING)
+        return self._duration / PEEQ * self._rate.rate(overstress)
+
+    def _bound(self, value: CoefficientFunction) -> CoefficientFunction:
+        """beta(|p|) for a value of the unknown (stress)."""
+        bound = self._beta
+        if self._law is not None:
+            x = self._start
+            more = PEEQ * self._gained(value)
+            bound = bound + PEEQ * (self._law.stress(x + more) - self._law.stress(x))
+        return bound if self._rate is None else bound + PEEQ * value
+
+    def _add_law(self) -> None:
+        """Slope and energy of the law of hardening."""
+        if self._law is not None:
+            law = self._law
+            x = self._start
+            more = PEEQ * self.gained
+            self.slope += PEEQ**2 * law.slope(x + more)
+            self.energy += law.energy(x + more) - law.energy(x) - law.stress(x) * more
+
+    def _add_rate(self) -> None:
+        """Slope and energy of the rate."""
+        if self._rate is not None:
+            dt = self._duration
+            speed = PEEQ * self.gained / dt
+            self.slope += PEEQ**2 / dt * self._rate.slope(speed)
+            self.energy += dt * self._rate.energy(speed)
+
+    def update(self) -> None:
+        """Solve at the points for the current displacement."""
+        self._found.vec.data = self._data.sampled(self._solution).vec
+
+
 class ReturnMapping:
     """The closed forms of the eliminated plastic strain for the current displacement.
 
@@ -56,132 +181,83 @@ class ReturnMapping:
     """
 
     def __init__(self, problem: Problem, displacement: GridFunction) -> None:
-        points = Points(problem.mesh, problem.kinematics, problem.order)
-        self._points = points
-        self._functions = PointFunctions(points)
+        data = DataOnMesh(problem)
+        material = problem.material
         self.kinematics = problem.kinematics
-        beta = self._own(problem.beta)
-        h = self._own(problem.material.effective_hardening)
-        two_mu = 2 * self._own(problem.material.lame_mu)
-        self._two_mu = two_mu
-        self._h = h
-        self._modulus = two_mu + h
-        lame_lambda = self._own(problem.material.lame_lambda)
         size = self.kinematics.size
-        given = (
-            problem.initial_hardening,
-            problem.initial_plastic_strain,
-            problem.initial_strain,
-        )
-        tensors = zip(
-            given, (problem.alpha_0[1], problem.p_0, problem.eps_0), strict=True
-        )
-        back, p_0, eps_0 = (t if g is None else self._own(t) for g, t in tensors)
-        self._bulk = lame_lambda + two_mu / size
+        self._points = data.points
+        self._h = data.own(material.effective_hardening)
+        self._two_mu = 2 * data.own(material.lame_mu)
+        self._modulus = self._two_mu + self._h
+        self._bulk = data.own(material.lame_lambda) + self._two_mu / size
+        beta = data.own(problem.beta)
+        back, p_0, eps_0 = self._initial(problem, data)
+
         e = self.kinematics.strain(displacement) - (p_0 + eps_0)
-        s = self.kinematics.coordinates(two_mu * e - back)
+        s = self.kinematics.coordinates(self._two_mu * e - back)
         length = IfPos(Norm(s) - beta, Norm(s), beta)  # > 0
         self.elastic_strain_trial = e
         self._trial = s
         self._length = length
         self.plastic = IfPos(Norm(s) - (1 + YIELD_ROUNDING) * beta, 1.0, 0.0)
-        self._eliminate(problem, beta)
-        self.plastic_increment = self._gained / length * s
+        given = self._modulus, length, beta
+        hardens = material.law is not None or problem.rate is not None
+        self._return = (
+            LawReturn(problem, data, *given) if hardens else LinearReturn(*given)
+        )
+        self.bound = self._return.bound
+        self.hardening_energy = self._return.energy
+        self.plastic_increment = self._return.gained / length * s
 
         # what the return leaves of s; the stress without the cancellation of e and p
-        self._retained = (h + two_mu * self.bound / length) / self._modulus
+        h = self._h
+        self._retained = (h + self._two_mu * self.bound / length) / self._modulus
         deviator = self.kinematics.tensor(self._retained * s) + back
         self.stress = self._bulk * Trace(e) * Id(size) + deviator
+        self.energy_density = self._density(beta, back, p_0)
 
+    def _initial(self, problem: Problem, data: DataOnMesh) -> list[CoefficientFunction]:
+        """dev alpha_2, p_0 and eps_0 as tensors, zero where nothing is given."""
+        pairs = (
+            (problem.initial_hardening, problem.alpha_0[1]),
+            (problem.initial_plastic_strain, problem.p_0),
+            (problem.initial_strain, problem.eps_0),
+        )
+        return [t if given is None else data.own(t) for given, t in pairs]
+
+    def _density(
+        self,
+        beta: CoefficientFunction,
+        back: CoefficientFunction,
+        p_0: CoefficientFunction,
+    ) -> CoefficientFunction:
+        """The energy density of J at the best p, with the constant."""
+        s = self._trial
+        e = self.elastic_strain_trial
+        h = self._h
+        two_mu = self._two_mu
         kept = IfPos(Norm(s) - beta, self.bound, Norm(s))
-        back = self.kinematics.coordinates(back)
         shape = (
             Norm(s) * Norm(s) * h / (two_mu * self._modulus)
             + kept * kept / self._modulus
         )
-        given = InnerProduct(back, back + 2 * s) / two_mu
-        given -= two_mu * InnerProduct(p_0, p_0)
+        stress = self.kinematics.coordinates(back)
+        constant = InnerProduct(stress, stress + 2 * s) / two_mu
+        constant -= two_mu * InnerProduct(p_0, p_0)
         volume = self._bulk * Trace(e) * Trace(e)
-        self.energy_density = 0.5 * (volume + shape + 2 * self.hardening_energy + given)
-
-    def _eliminate(self, problem: Problem, beta: CoefficientFunction) -> None:
-        """|p|, in closed form or by Newton's method, with beta(|p|), its slope and integral."""
-        law = problem.material.law
-        M = self._modulus
-        x = self._own(problem.initial_accumulated or 0.0)
-        self._solution = None
-        self._softest = 0.0
-        rate = problem.rate
-        if law is None and rate is None:
-            g = self._gained = (self._length - beta) / M
-            self.bound = beta
-            self._slope = CF(0.0)
-            self.hardening_energy = beta * g
-            return
-        law = None if law is None else law.at(self._own)
-        rate = None if rate is None else rate.at(self._own)
-        dt = problem.duration
-
-        def hardened(g: CoefficientFunction) -> CoefficientFunction:
-            """beta(g) without the rate (stress)."""
-            if law is None:
-                return beta
-            return beta + PEEQ * (law.stress(x + PEEQ * g) - law.stress(x))
-
-        def gained(value: CoefficientFunction) -> CoefficientFunction:
-            """g for a value of the unknown: g itself, with a rate the overstress of a bar."""
-            if rate is None:
-                return value
-            return dt / PEEQ * rate.rate(IfPos(value - NOTHING, value, NOTHING))
-
-        def bound(value: CoefficientFunction) -> CoefficientFunction:
-            """beta(g) for a value of the unknown (stress)."""
-            g = gained(value)
-            return hardened(g) if rate is None else hardened(g) + PEEQ * value
-
-        unknown = L2(problem.mesh, order=0).TrialFunction()
-        equation = (M * gained(unknown) + bound(unknown)) / self._length - 1
-        self._solution = NewtonCF(equation, CF(0.0), tol=SOLVED, maxiter=MOST_STEPS)
-        self._softest = SOFTEST
-        self._found = self._functions.function(self._points.at(self._solution))
-        g = self._gained = gained(self._found)
-        self.bound = bound(self._found)
-        more = PEEQ * g
-        self._slope = CF(0.0)
-        self.hardening_energy = beta * g
-        if law is not None:
-            self._slope += PEEQ**2 * law.slope(x + more)
-            stored = law.energy(x + more) - law.energy(x) - law.stress(x) * more
-            self.hardening_energy += stored
-        if rate is not None:
-            self._slope += PEEQ**2 / dt * rate.slope(more / dt)
-            self.hardening_energy += dt * rate.energy(more / dt)
-
-    def _own(self, value: Coefficient) -> CoefficientFunction:
-        """Data as a function on the mesh, the same at the points.
-
-        With coefficients that NGSolve cannot evaluate for several points at once, such as functions
-        on other meshes, it leaves matrices on ``H1(dim=N)`` unset.
-        """
-        if is_number(value):
-            return CF(float(value))
-        function = self._functions.function(self._points.at(value))
-        if not value.dims:
-            return function
-        return CF(tuple(function[i] for i in range(value.dim)), dims=tuple(value.dims))
+        return 0.5 * (volume + shape + 2 * self.hardening_energy + constant)
 
     def update(self) -> None:
         """Solve at the points, where a law of hardening or of the rate leaves no closed form."""
-        if self._solution is not None:
-            found = self._functions.function(self._points.at(self._solution))
-            self._found.vec.data = found.vec
+        self._return.update()
 
     def flowing(self) -> float:
         """The largest |p| where a law hardens no more."""
-        if self._solution is None:
+        found = self._return
+        if isinstance(found, LinearReturn):
             return 0.0
-        stiff = self._h + self._slope - SOFTEST * self._two_mu
-        return float(self._points.at(IfPos(stiff, 0.0, self._gained)).max())
+        stiff = self._h + found.slope - SOFTEST * self._two_mu
+        return float(self._points.at(IfPos(stiff, 0.0, found.gained)).max())
 
     def power(self, v: ProxyFunction) -> CoefficientFunction:
         """Sigma : eps(v), the integrand of the internal forces."""
@@ -192,8 +268,10 @@ class ReturnMapping:
         two_mu = self._two_mu
         M = self._modulus
         length = self._length
-        slope = self._slope
-        softer = (1 - self._softest) * (self.bound / length - slope / (M + slope))
+        slope = self._return.slope
+        softer = (1 - self._return.least_stiffness) * (
+            self.bound / length - slope / (M + slope)
+        )
         across = cached(two_mu * self._retained)
         along = cached(two_mu * two_mu / M * self.plastic * softer)
         direction = cached(self.kinematics.tensor(self._trial / length))

@@ -167,7 +167,6 @@ def calibrate(
     require_number("confidence", confidence, 0, strict=True, below=1)
     limit = require_integer("max_evaluations", max_evaluations, 1)
     names, curves = _checked(start, [curves] if isinstance(curves, Curve) else curves)
-
     for name in names:
         if name.startswith(OF_LAW):
             law_datum(problem.material.law, name)
@@ -190,8 +189,6 @@ def calibrate(
     )
     known = all(curve.noise is not None for curve in curves)
     condition, ends = _statistics(found, confidence, known)
-    matrix = f"the Gauss-Newton matrix has condition {condition:.2g}."
-    doubt = f" The data do not identify all of {', '.join(names)}: {matrix}"
     return Calibration(
         values=dict(zip(names, np.exp(found.x).tolist(), strict=True)),
         intervals=dict(zip(names, map(tuple, ends.T.tolist()), strict=True)),
@@ -200,8 +197,16 @@ def calibrate(
         condition=condition,
         evaluations=fits.cache_info().misses,
         converged=bool(found.success),
-        message=found.message + (doubt if condition > ILL_CONDITIONED else ""),
+        message=found.message + _doubt(names, condition),
     )
+
+
+def _doubt(names: Sequence[str], condition: float) -> str:
+    """A sentence where the data do not identify all constants; empty where they do."""
+    if condition <= ILL_CONDITIONED:
+        return ""
+    matrix = f"the Gauss-Newton matrix has condition {condition:.2g}."
+    return f" The data do not identify all of {', '.join(names)}: {matrix}"
 
 
 def _checked(

@@ -287,12 +287,12 @@ def traction_lines(case: Case, body: QuadraticMesh) -> list[str]:
     """Nodal forces of constant tractions on straight quadratic edges: 1/6, 4/6, 1/6."""
     lines = []
     for name, traction in case.loads.get("traction", {}).items():
+        loaded = [(axis, value) for axis, value in enumerate(traction, 1) if value]
         for a, b, middle, length in body.edges_on(name):
             for node, share in ((a, 1 / 6), (b, 1 / 6), (middle, 4 / 6)):
-                for axis, value in enumerate(traction, 1):
-                    if value:
-                        force = share * length * value
-                        lines.append(f"{node + 1},{axis},{force:.12g}")
+                for axis, value in loaded:
+                    force = share * length * value
+                    lines.append(f"{node + 1},{axis},{force:.12g}")
     return lines
 
 

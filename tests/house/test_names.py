@@ -42,6 +42,55 @@ def missing_hints(function, in_class):
     return missing + ["return"] * (function.returns is None)
 
 
+MOST_LINES = 45
+"""Of a function without its docstring: what a screen shows."""
+
+MOST_NESTED = 4
+"""Loops, conditions, blocks of ``with`` and ``try`` inside each other."""
+
+MOST_ARGUMENTS = 8
+"""Arguments that may be given by position."""
+
+
+def functions():
+    """(module and name, node) for all functions, inner ones too."""
+    for module, tree in modules().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef):
+                yield f"{module}.{node.name}", node
+
+
+def lines_of(function):
+    """The lines of a function without those of its docstring."""
+    text = function.body[0] if ast.get_docstring(function) else None
+    documented = 0 if text is None else text.end_lineno - text.lineno + 1
+    return function.end_lineno - function.lineno + 1 - documented
+
+
+def nesting(node):
+    """How many blocks of a function stand inside each other; functions in it count alone."""
+    blocks = ast.If | ast.For | ast.While | ast.With | ast.Try
+    alone = ast.FunctionDef | ast.Lambda | ast.ClassDef
+    inner = (n for n in ast.iter_child_nodes(node) if not isinstance(n, alone))
+    return max((isinstance(n, blocks) + nesting(n) for n in inner), default=0)
+
+
+def test_no_function_is_longer_than_a_screen():
+    assert {n: lines_of(f) for n, f in functions() if lines_of(f) > MOST_LINES} == {}
+
+
+def test_no_function_is_nested_deeply():
+    assert {n: nesting(f) for n, f in functions() if nesting(f) > MOST_NESTED} == {}
+
+
+def test_no_function_takes_many_arguments_by_position():
+    count = {
+        name: len(function.args.posonlyargs) + len(function.args.args)
+        for name, function in functions()
+    }
+    assert {name: k for name, k in count.items() if k > MOST_ARGUMENTS} == {}
+
+
 def test_no_public_name_stands_twice():
     count = Counter(name for _, name, _ in owners())
     assert {name for name, times in count.items() if times > 1} == STILL_TWICE
@@ -89,3 +138,16 @@ def test_the_library_prints_nothing():
 )
 def test_missing_hints_are_seen(code, missing):
     assert missing_hints(ast.parse(code).body[0], False) == missing
+
+
+@pytest.mark.parametrize(
+    ("code", "lines", "nested"),
+    [
+        ("def f():\n    '''One.\n\n    Two.\n    '''\n    return 1", 2, 0),
+        ("def f():\n    for i in a:\n        if i:\n            g(i)", 4, 2),
+        ("def f():\n    if a:\n        def g():\n            if b: c()", 4, 1),
+    ],
+)
+def test_length_and_nesting_are_seen(code, lines, nested):
+    function = ast.parse(code).body[0]
+    assert (lines_of(function), nesting(function)) == (lines, nested)
