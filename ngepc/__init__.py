@@ -10,6 +10,7 @@ import importlib
 import logging
 from pathlib import Path
 
+from ngepc._deprecated import install
 from ngepc._version import __version__ as __version__
 
 
@@ -26,6 +27,8 @@ __all__ = [
     "__version__",
     *sorted(n for n, home in _HOME.items() if home.count(".") > 1),
 ]
+
+install()
 
 _GONE = {
     "DualParameters": "Coupled(gamma, ...) has what is left of it",

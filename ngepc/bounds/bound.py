@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 from ngsolve import L2, GridFunction
 
+from ngepc._deprecated import old_names
 from ngepc.bounds.conjugate import Conjugate
 from ngepc.bounds.coverage import sampled_data
 from ngepc.bounds.data import BoundData, strain_coordinates
@@ -265,3 +266,6 @@ def algebraic_part(setting: BoundData, state: State, tangent: Factors) -> float:
     gap = density - np.einsum("pc,pc->p", z, strain)
     friction = contact.friction_work(forces, state.gaps, 0.0)
     return setting.discrete.points.integral(gap) + float(forces @ state.gaps + friction)
+
+
+__getattr__ = old_names(__name__)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ngepc._deprecated import old_names
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import Completed, Conjugate
 from ngepc.bounds.data import BoundData, Effort, stress_coordinates
@@ -278,3 +279,6 @@ class PlaneBoundData(BoundData):
         return self.built(
             own, needed - self.carried.nodal, given, table.reshape(-1, 15)
         )
+
+
+__getattr__ = old_names(__name__)

@@ -19,6 +19,7 @@ from itertools import islice
 
 import numpy as np
 
+from ngepc._deprecated import old_names
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.data import BALANCED, PASSES, BoundData, Effort, factorise
 from ngepc.bounds.element import ELEMENTS
@@ -290,3 +291,6 @@ class SolidBoundData(BoundData):
         sigma = ELEMENT.tensors(z)
         size = -self.cells.volume[:, None, None]
         return np.repeat(np.matmul(self.cells.gradients, sigma) * size, 3, axis=1)
+
+
+__getattr__ = old_names(__name__)

@@ -15,7 +15,7 @@ import numpy as np
 from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Mesh, Trace, dx
 from ngsolve.comp import ProxyFunction, SumOfIntegrals
 from ngsolve.la import SparseMatrixd
-from scipy.sparse import bsr_matrix, csr_matrix
+from scipy.sparse import bsr_matrix, csr_matrix, tril
 
 from ngepc.discretisation.points import Elements, Moduli, PointFunctions, Points
 from ngepc.linalg.direct import both_triangles, lower_triangle
@@ -103,9 +103,18 @@ class Stiffness(Blocks):
 
     def whole(self, matrix: BaseMatrix) -> SparseMatrixd:
         """Both triangles of such a matrix, number by number, for solvers that need them."""
+        return both_triangles(self._lower(self.entries(matrix)))
+
+    def symmetric(self, values: np.ndarray) -> csr_matrix:
+        """The matrix of some blocks, number by number, with both triangles."""
+        lower = tril(self._lower(values)).tocsr()
+        return (lower + tril(lower, -1).T).tocsr()
+
+    def _lower(self, values: np.ndarray) -> bsr_matrix:
+        """The blocks on and below the diagonal as a matrix."""
         starts = np.searchsorted(self.rows, np.arange(len(self.free) + 1))
-        blocks = self.entries(matrix), self.columns, starts
-        return both_triangles(bsr_matrix(blocks, shape=(self.free.size,) * 2))
+        shape = (self.free.size, self.free.size)
+        return bsr_matrix((values, self.columns, starts), shape=shape)
 
 
 class ElementStiffness(Stiffness):

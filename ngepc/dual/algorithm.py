@@ -16,6 +16,7 @@ from functools import partial
 from ngsolve import InnerProduct
 from ngsolve.la import BaseMatrix, BaseVector
 
+from ngepc._deprecated import old_names
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional, DualIterate
 from ngepc.dual.result import DualResult
@@ -50,7 +51,7 @@ def algorithm_7_1(
     step = Step(length=1.0, energy=math.nan, halvings=0)
     status = None
     cause = ""
-    here = before = DualIterate(functional, v)
+    here = before = functional.at(v)
     try:
         while True:
             record(here, step, history, monitor)
@@ -189,7 +190,7 @@ class DualLine(Descent):
         """The iterate at a step length; the last one is kept."""
         if self._last[0] != t:
             here, y, v = self.here, self.here.y + t * self.dy, self.here.v + t * self.dv
-            self._last = t, DualIterate(here.functional, v.Evaluate(), y.Evaluate())
+            self._last = t, here.functional.at(v.Evaluate(), y.Evaluate())
         return self._last[1]
 
     def energy(self, t: float) -> float:
@@ -204,7 +205,7 @@ class DualLine(Descent):
 
     def fault(self) -> Status:
         """Why there is no step length; the data may have changed."""
-        again = DualIterate(self.here.functional, self.here.v, self.here.y)
+        again = self.here.functional.at(self.here.v, self.here.y)
         values = (
             self.slope_0,
             *again.penalties,
@@ -214,3 +215,6 @@ class DualLine(Descent):
             return Status.NONFINITE
         limited_by_rounding = self.slope_0 >= 0 and self.is_rounding(self.slope_0)
         return Status.STAGNATED if limited_by_rounding else Status.LINESEARCH_FAILED
+
+
+__getattr__ = old_names(__name__)

@@ -18,6 +18,7 @@ from ngsolve.la import BaseVector
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ngepc._deprecated import old_names
 from ngepc.discretisation.loads import prescribed_displacement
 from ngepc.dual import saddle
 from ngepc.dual.spaces import DualSpaces
@@ -189,3 +190,6 @@ class LinearBlocks:
         y_0 = (y - self.lift.vec).Evaluate()
         twice_energy = InnerProduct(r, y_0) + InnerProduct(self.D_lift, y)  # <D y, y>
         return InnerProduct(r, y) - twice_energy / 2
+
+
+__getattr__ = old_names(__name__)

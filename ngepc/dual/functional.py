@@ -24,6 +24,7 @@ from ngsolve import (
 )
 from ngsolve.la import BaseMatrix, BaseVector
 
+from ngepc._deprecated import old_names
 from ngepc.checks.arguments import is_number
 from ngepc.discretisation.prolongation import prolongate
 from ngepc.discretisation.quadrature import (
@@ -70,13 +71,13 @@ class DualFunctional:
             units=fixed.units,
         )
         self.weights = self.regularisation.weights
-        self.v = GridFunction(blocks.H)  # where the forms are
-        self.gradient = LinearForm(blocks.H)
-        self.hessian = BilinearForm(blocks.H, symmetric=True, symmetric_storage=True)
-        z, q = self.v.components
+        self._v = GridFunction(blocks.H)  # where the forms are evaluated
+        self._gradient = LinearForm(blocks.H)
+        self._hessian = BilinearForm(blocks.H, symmetric=True, symmetric_storage=True)
+        z, q = self._v.components
         (dz, dq), (w, r) = blocks.H.TnT()
         parts = self._add_contact(z, dz, w, points), self._add_plastic(q, dq, r, points)
-        self.penalties, self.active = zip(*parts, strict=True)
+        self._penalties, self._active = zip(*parts, strict=True)
 
     def __reduce__(self) -> tuple:
         """NGSolve's forms are not pickled: they are made again."""
@@ -88,8 +89,8 @@ class DualFunctional:
         rules = boundary_rules(self.blocks.problem.N, points)
         on_contact = ds(definedon=self.blocks.contact, intrules=rules)
         penalty = saddle.ContactPenalty(z, self.weights.contact)
-        self.gradient += penalty.gradient * w * on_contact
-        self.hessian += penalty.curvature * dz * w * on_contact
+        self._gradient += penalty.gradient * w * on_contact
+        self._hessian += penalty.curvature * dz * w * on_contact
         return penalty.density * on_contact, penalty.pressed * on_contact
 
     def _add_plastic(self, q: CF, dq: CF, r: CF, points: int) -> tuple[CF, CF]:
@@ -111,8 +112,8 @@ class DualFunctional:
             (gamma * f).Compile() for f in (law.density, law.gradient, law.curvature)
         )
         for measure in (few, many):
-            self.gradient += InnerProduct(slope, r) * measure
-            self.hessian += InnerProduct(curvature * dq, r) * measure
+            self._gradient += InnerProduct(slope, r) * measure
+            self._hessian += InnerProduct(curvature * dq, r) * measure
         return density * few + density * many, law.inside * few + law.inside * low
 
     def kinds(self, v: BaseVector) -> np.ndarray:
@@ -124,12 +125,39 @@ class DualFunctional:
             kind[numbers] = classify(q, nodes, *self._bounds[:, numbers])
         return kind
 
-    def enter(self, v: BaseVector, kind: np.ndarray) -> None:
-        """Make v and the kinds of the elements those of the forms."""
-        self.v.vec.data = v
+    def _enter(self, v: BaseVector, kind: np.ndarray) -> None:
+        """Make the forms those at v, for these kinds of the elements."""
+        self._v.vec.data = v
         for number, elements in self._of_kind.items():
             elements.Clear()
             elements |= BitArray((kind == number).tolist())
+
+    def at(self, v: BaseVector, y: BaseVector | None = None) -> DualIterate:
+        """The iterate at v; y is solved for if it is not given."""
+        return DualIterate(self, v, y)
+
+    def penalties(self, v: BaseVector, kind: np.ndarray) -> tuple[float, ...]:
+        """M^1(z) and M^2(q), for the kinds of the elements at v."""
+        self._enter(v, kind)
+        return self._integrals(self._penalties)
+
+    def active(self, v: BaseVector, kind: np.ndarray) -> tuple[float, ...]:
+        """The measures of the contact that z presses and of what yields, by a low order."""
+        self._enter(v, kind)
+        return self._integrals(self._active)
+
+    def _integrals(self, parts: tuple[CF, CF]) -> tuple[float, ...]:
+        return tuple(Integrate(part, self.blocks.problem.mesh) for part in parts)
+
+    def multipliers(self, v: BaseVector, kind: np.ndarray) -> BaseVector:
+        """M(v) as a functional on H."""
+        self._enter(v, kind)
+        return (1.0 * self._gradient.Assemble().vec).Evaluate()
+
+    def curvature(self, v: BaseVector, kind: np.ndarray) -> BaseMatrix:
+        """The Newton derivative of M at v, a new matrix."""
+        self._enter(v, kind)
+        return self._hessian.Assemble(reallocate=True).mat
 
     def tichonov(self, v: BaseVector, w: BaseVector) -> float:
         """b(v, w) / gamma_T."""
@@ -188,10 +216,10 @@ class DualFunctional:
 
 
 class DualIterate:
-    """v, the y with D y = Lambda* v - l, and what follows, each thing when it is asked for.
+    """J*_gamma at one v: the y with D y = Lambda* v - l, energy, residual, Newton derivative.
 
-    The active sets belong to the iterate: others may be made in between.  ``y`` is solved for if it
-    is not given.
+    Each is computed when it is first asked for, and does not depend on what was computed elsewhere
+    in between.  ``y`` is solved for if it is not given.
     """
 
     def __init__(
@@ -208,32 +236,24 @@ class DualIterate:
         """D y = Lambda* v - l."""
         return self.functional.blocks.primal_of(self.v)
 
-    def _integrals(self, parts: tuple[CF, CF]) -> tuple[float, ...]:
-        self.functional.enter(self.v, self._kind)
-        return tuple(
-            Integrate(part, self.functional.blocks.problem.mesh) for part in parts
-        )
-
     @cached_property
     def penalties(self) -> tuple[float, ...]:
         """M^1(z) and M^2(q)."""
-        return self._integrals(self.functional.penalties)
+        return self.functional.penalties(self.v, self._kind)
 
     @cached_property
     def active(self) -> tuple[float, ...]:
         """The measures of the contact that z presses and of what yields, by a low order."""
-        return self._integrals(self.functional.active)
+        return self.functional.active(self.v, self._kind)
 
     @cached_property
     def multipliers(self) -> BaseVector:
         """M(v) = (mu, nu) as a functional on H."""
-        self.functional.enter(self.v, self._kind)
-        return (1.0 * self.functional.gradient.Assemble().vec).Evaluate()
+        return self.functional.multipliers(self.v, self._kind)
 
     def hessian(self) -> BaseMatrix:
-        """The Newton derivative of M at v; the next one overwrites it."""
-        self.functional.enter(self.v, self._kind)
-        return self.functional.hessian.Assemble(reallocate=True).mat
+        """The Newton derivative of M at v, assembled at each call."""
+        return self.functional.curvature(self.v, self._kind)
 
     @cached_property
     def residual(self) -> BaseVector:
@@ -274,3 +294,6 @@ class DualIterate:
 def total(norms: np.ndarray) -> float:
     """||Psi_gamma||_{H*} of its norms on Gamma_c and in Omega."""
     return math.sqrt((norms**2).sum())
+
+
+__getattr__ = old_names(__name__)

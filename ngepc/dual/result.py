@@ -11,7 +11,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.dual.blocks import primal_energy
-from ngepc.dual.functional import DualFunctional, DualIterate, total
+from ngepc.dual.functional import DualFunctional, total
 from ngepc.dual.spaces import Coupled
 from ngepc.model.own import require_same_mesh
 from ngepc.model.problem import Problem, as_scalar
@@ -74,7 +74,7 @@ class DualResult(Result):
     def residual_norm(self) -> float:
         """||Psi_gamma||_{H*} at the end, with y solved for afresh."""
         require_same_mesh(self.functional.blocks.problem)
-        return DualIterate(self.functional, self.v).residual_norm
+        return self.functional.at(self.v).residual_norm
 
     @property
     def residual_rounding(self) -> float:
@@ -85,7 +85,7 @@ class DualResult(Result):
     def dual_energy(self) -> float:
         """J*_gamma(v) (force times length)."""
         require_same_mesh(self.functional.blocks.problem)
-        return DualIterate(self.functional, self.v, self.y).energy
+        return self.functional.at(self.v, self.y).energy
 
     @cached_property
     def primal_energy(self) -> float:

@@ -55,7 +55,6 @@ class InexactTarget:
     ) -> None:
         self._forcing = forcing
         self._tolerance = tolerance
-        self._before = 0.0
         self._body = discrete
         self._contact = discrete.contact
         self._compliance = discrete.compliance()
@@ -64,25 +63,24 @@ class InexactTarget:
         moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()
         self._movable = (moved > HELD).reshape(discrete.rows.tangents.shape[:2])
 
-    def accuracy(self, residual: float) -> float:
+    def accuracy(self, residual: float, before: float | None) -> float:
         """The relative residual for a step from here (Eisenstat and Walker 1996, choice 2).
 
         It is a small part of what Newton's method itself is about to leave, so that its steps do
-        not depend on how the linear systems are solved.
+        not depend on how the linear systems are solved.  ``before`` is the residual one iterate
+        earlier.
         """
-        before = self._before
-        self._before = residual
         falling = PART * (residual / before) ** 2 if before else 1.0
         return max(
             min(self._forcing, falling), PART * self._tolerance / residual, FINEST
         )
 
     def __call__(
-        self, here: State, tangent: IterativeTangent
+        self, here: State, tangent: IterativeTangent, before: float | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The change of u, and contact there; FactorisationError if they are not found."""
         tangent.linearise(here)
-        accuracy = self.accuracy(here.residual_norm)
+        accuracy = self.accuracy(here.residual_norm, before)
         rough = self._contact.friction.d > 0
         try:
             at, settled = self._sets(here, tangent, accuracy)

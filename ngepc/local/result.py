@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from ngsolve import GridFunction
 
+from ngepc._deprecated import old_names
 from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.own import require_same_mesh
@@ -99,3 +100,6 @@ class ExactResult(DiscreteSolution):
         return points.integral(law.complementary_density(pressure, stress)) + float(
             work
         )
+
+
+__getattr__ = old_names(__name__)

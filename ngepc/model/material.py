@@ -22,6 +22,7 @@ from typing import Annotated
 
 from ngsolve import CoefficientFunction
 
+from ngepc._deprecated import old_names
 from ngepc.checks.arguments import Coefficient
 from ngepc.checks.declared import (
     Check,
@@ -342,3 +343,6 @@ def split_hardening(value: object) -> tuple:
 def is_vector(value: object) -> bool:
     """Whether a value is a vector-valued coefficient."""
     return isinstance(value, CoefficientFunction) and len(value.dims) == 1
+
+
+__getattr__ = old_names(__name__)

@@ -15,6 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 from ngsolve import Mesh
 
+from ngepc._deprecated import renamed
+
 T = TypeVar("T")
 
 
@@ -30,6 +32,7 @@ class Team:
     )  # what selects the nodes that this one answers for
     numbers: np.ndarray  # of each node among all: those of a process follow each other
     count: int  # nodes of all processes
+    most = renamed("most", "maximum")
 
     def __init__(
         self,

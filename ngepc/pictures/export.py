@@ -13,6 +13,7 @@ from xml.sax.saxutils import quoteattr
 
 from ngsolve import GridFunction
 
+from ngepc._deprecated import old_names
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance, require_mapping, require_path
 from ngepc.evolution.result import Evolution
@@ -153,3 +154,6 @@ def _write_part(source: object, path: Path, names: Sequence[str]) -> None:
     coefficients = {name: field_of(source, name) for name in names}
     mesh = fields.problem.mesh
     write_text(path, vtu_text(mesh, coefficients, is_curved(fields)))
+
+
+__getattr__ = old_names(__name__)

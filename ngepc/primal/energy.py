@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from ngsolve import CoefficientFunction, GridFunction, Integrate, LinearForm, dx
 from ngsolve.comp import ProxyFunction, SumOfIntegrals
+from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.loads import nodal
@@ -51,34 +52,42 @@ COVERS = frozenset(
 
 
 class ReducedEnergy(DiscreteBody):
-    """min over p of J(u, p), (2.14), for nodal displacements u of shape (nodes, N).
+    """min over p of J(u, p), (2.14), as a function of nodal displacements u (nodes, N).
 
-    ``displacement`` and ``mapping`` are the GridFunction that holds the displacement looked at
-    last, and ``ReturnMapping`` there, ``forces``, ``density`` and ``plastic`` the forms of forces,
-    of the energy and of what yields.
+    ``energy.at(u)`` has its value, gradient and matrix at u.  All points share the symbolic forms,
+    which are evaluated for one displacement after the other.
     """
 
     def __init__(self, problem: Problem) -> None:
         require_covered(problem, "primal_newton", COVERS)
         super().__init__(problem)
         space = self.supports.space
-        self.displacement = GridFunction(space, name="displacement")
-        self.mapping = ReturnMapping(problem, self.displacement)
         self.rules = plastic_points(problem.mesh, problem.order)
-        self.forces = LinearForm(
-            self._integral(self.mapping.power(space.TestFunction()))
+        self._u = GridFunction(space)
+        self._mapping = ReturnMapping(problem, self._u)
+        self._forces = LinearForm(
+            self._integral(self._mapping.power(space.TestFunction()))
         )
-        self.density = self.mapping.energy_density.Compile()
-        self.plastic = self.mapping.plastic.Compile()
+        self._density = self._mapping.energy_density.Compile()
+        self._yields = self._mapping.plastic.Compile()
         given = problem.mesh, problem.order, self.free
-        self._tangent = SymbolicStiffness(*given, self._power, self.at)
+        self._tangent = SymbolicStiffness(*given, self._power, self._enter)
 
     def __reduce__(self) -> tuple:
         """NGSolve's forms are not pickled: they are made again."""
         return ReducedEnergy, (self.problem,)
 
+    def at(self, u: np.ndarray) -> EnergyPoint:
+        """The energy at nodal displacements ``u``."""
+        return EnergyPoint(self, u)
+
+    def _enter(self, u: np.ndarray) -> None:
+        """Make the forms those at nodal displacements ``u``."""
+        self._u.vec.FV().NumPy()[:] = u.T.ravel()
+        self._mapping.update()
+
     def _power(self, u: ProxyFunction, v: ProxyFunction) -> SumOfIntegrals:
-        return self._integral(self.mapping.tangent(u, v))
+        return self._integral(self._mapping.tangent(u, v))
 
     def _integral(self, density: CoefficientFunction) -> SumOfIntegrals:
         return self.problem.kinematics.weight * density * dx(intrules=self.rules)
@@ -87,11 +96,25 @@ class ReducedEnergy(DiscreteBody):
         """The integral over the body by the rule that carries the plastic strain."""
         return float(Integrate(self._integral(density), self.problem.mesh))
 
-    def at(self, u: np.ndarray) -> ReducedEnergy:
-        """The energy itself, looking at the nodal displacements ``u``."""
-        self.displacement.vec.FV().NumPy()[:] = u.T.ravel()
-        self.mapping.update()
-        return self
+    def elastic_energy(self, u: np.ndarray) -> float:
+        """The energy at ``u`` without the loads and springs, smallest over p."""
+        self._enter(u)
+        return self.integral(self._density)
+
+    def stress_forces(self, u: np.ndarray) -> np.ndarray:
+        """Nodal forces of the stress at ``u``, (nodes, N)."""
+        self._enter(u)
+        return nodal(self._forces.Assemble().vec.FV().NumPy(), self.problem)
+
+    def plastic_measure(self, u: np.ndarray) -> float:
+        """Area or volume of what yields at ``u``."""
+        self._enter(u)
+        return self.integral(self._yields)
+
+    def flowing(self, u: np.ndarray) -> float:
+        """The largest |p| at ``u`` where a law hardens no more."""
+        self._enter(u)
+        return self._mapping.flowing()
 
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:
@@ -105,6 +128,69 @@ class ReducedEnergy(DiscreteBody):
     def stiffness(self) -> Stiffness:
         """What assembles the tangents, see ``DiscreteBody``."""
         return self._tangent.with_added(self.added)
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyPoint:
+    """The reduced energy at one displacement: what was found stays, wherever else one looks.
+
+    Parameters
+    ----------
+    reduced
+        The energy.
+    u
+        Nodal displacements (nodes, N).
+    """
+
+    reduced: ReducedEnergy
+    u: np.ndarray
+
+    def __reduce__(self) -> tuple:
+        """Coefficients of NGSolve are not pickled: they are made again."""
+        return EnergyPoint, (self.reduced, self.u)
+
+    @cached_property
+    def value(self) -> float:
+        """min over p of J(u, p) (force times length)."""
+        reduced = self.reduced
+        work = np.vdot(reduced.load - 0.5 * reduced.supports.pull(self.u), self.u)
+        return reduced.elastic_energy(self.u) - float(work)
+
+    @cached_property
+    def internal_forces(self) -> np.ndarray:
+        """Nodal forces of the stress and on the springs (nodes, N)."""
+        stress = self.reduced.stress_forces(self.u)
+        return stress + self.reduced.supports.pull(self.u)
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """The derivative of ``value`` by the nodal displacements (nodes, N)."""
+        return self.internal_forces - self.reduced.load
+
+    @cached_property
+    def matrix(self) -> csr_matrix:
+        """The Newton derivative of ``gradient``, u flattened node by node.
+
+        Rows and columns of held components are those of the identity.
+        """
+        stiffness = self.reduced.stiffness
+        return stiffness.symmetric(stiffness.values(self.u))
+
+    @cached_property
+    def plastic_measure(self) -> float:
+        """Area or volume of what yields in this step."""
+        return self.reduced.plastic_measure(self.u)
+
+    @cached_property
+    def flowing(self) -> float:
+        """The largest |p| where a law hardens no more."""
+        return self.reduced.flowing(self.u)
+
+    @cached_property
+    def mapping(self) -> ReturnMapping:
+        """``ReturnMapping`` at this displacement, with coefficients that stay valid."""
+        displacement = self.reduced.supports.function(self.u)
+        return ReturnMapping(self.reduced.problem, displacement)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,19 +212,19 @@ class PrimalState(Iterate):
         ), moved
 
     @cached_property
-    def energy(self) -> float:
-        """J, smallest over p, and friction (force times length)."""
-        reduced = self.body.at(self.u)
-        u = self.u
-        work = np.vdot(reduced.load - 0.5 * reduced.supports.pull(u), u)
-        return reduced.integral(reduced.density) - float(work) + self.friction_work
+    def here(self) -> EnergyPoint:
+        """The discrete energy at u."""
+        return self.body.at(self.u)
 
     @cached_property
+    def energy(self) -> float:
+        """J, smallest over p, and friction (force times length)."""
+        return self.here.value + self.friction_work
+
+    @property
     def internal_forces(self) -> np.ndarray:
         """Nodal forces of the stress and on the springs (nodes, N), the gradient plus the load."""
-        reduced = self.body.at(self.u)
-        stress = nodal(reduced.forces.Assemble().vec.FV().NumPy(), reduced.problem)
-        return stress + reduced.supports.pull(self.u)
+        return self.here.internal_forces
 
     @property
     def moduli(self) -> np.ndarray:
@@ -148,10 +234,9 @@ class PrimalState(Iterate):
     @property
     def plastic_measure(self) -> float:
         """Area or volume of what yields in this step."""
-        reduced = self.body.at(self.u)
-        return reduced.integral(reduced.plastic)
+        return self.here.plastic_measure
 
     @property
     def flowing(self) -> float:
         """The largest |p| where a law hardens no more."""
-        return self.body.at(self.u).mapping.flowing()
+        return self.here.flowing

@@ -86,8 +86,8 @@ class PrimalResult(DiscreteSolution):
         """
         state = self.state
         problem = self.problem
-        reduced = state.body.at(state.u)
-        mapping = reduced.mapping
+        reduced = state.body
+        mapping = state.here.mapping
         p_0 = problem.p_0
         p = mapping.plastic_increment
         back = problem.kinematics.coordinates(problem.alpha_0[1])
@@ -111,8 +111,8 @@ class PrimalResult(DiscreteSolution):
 
     @cached_property
     def _plastic_increment(self) -> GridFunction:
-        mapping = self.state.body.at(self.state.u).mapping
-        return interpolated(self.problem, mapping.plastic_increment)
+        increment = self.state.here.mapping.plastic_increment
+        return interpolated(self.problem, increment)
 
 
 def primal_newton(

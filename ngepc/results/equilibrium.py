@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ngepc._deprecated import renamed
 from ngepc.checks.arguments import require_vector
 from ngepc.discretisation.loads import displacement_space, nodes_at
 from ngepc.model.elements import vertex_coordinates
@@ -41,6 +42,9 @@ class Equilibrium:
     others: Mapping[Place, np.ndarray] = field(
         default_factory=dict
     )  # of each roller and spring
+
+    missing = renamed("missing", "residual_force")
+    imbalance = renamed("imbalance", "free_residual")
 
     @property
     def reaction(self) -> np.ndarray:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ngepc._deprecated import old_names
 from ngepc.discretisation.body import EPSILON, DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import (
     ROUNDING,
@@ -43,8 +44,11 @@ QUADRATIC = 5.0
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
 
-Target = Callable[[Iterate, Any], tuple[np.ndarray, np.ndarray]]
-"""State and tangent -> where Newton's model is smallest: du, (nodes, N), and forces of the rows."""
+Target = Callable[[Iterate, Any, float | None], tuple[np.ndarray, np.ndarray]]
+"""Minimiser of Newton's model: a step du (nodes, N), and the forces of the contact rows at its end.
+
+Its arguments are the state, the tangent, and the residual norm one iterate before, None at first.
+"""
 
 
 class ExactTarget:
@@ -53,7 +57,9 @@ class ExactTarget:
     def __init__(self, body: DiscreteBody) -> None:
         self._compliance = body.compliance()
 
-    def __call__(self, here: Iterate, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(
+        self, here: Iterate, tangent: Any, before: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Take the tangent at a state and solve; FactorisationError if that cannot be done."""
         tangent.linearise(here)
         return with_contact(here, tangent.solve, self._compliance)
@@ -94,8 +100,8 @@ def newton_iteration(
             if status is Status.CONVERGED and state.body.contact.friction.d:
                 status, message = uniqueness(state.with_radial_return(), tangent)
             if status is None:
+                following = newton_step(state, tangent, target, before)
                 before = state.residual_norm
-                following = newton_step(state, tangent, target)
                 if following is None:
                     status, message = no_descent(state)
                 else:
@@ -130,10 +136,10 @@ def record_of(
 
 
 def newton_step(
-    here: Iterate, tangent: Any, target: Target
+    here: Iterate, tangent: Any, target: Target, before: float | None
 ) -> tuple[Iterate, float, int] | None:
     """The next state, the step length and its trials; None if no length lowers the energy."""
-    change, contact = target(here, tangent)
+    change, contact = target(here, tangent, before)
     internal_work, moved = here.along(change)
     rows_slope, held = contact_work(here, change, contact)
     outer_work = here.body.contact.processes.dot(here.body.load - held, change)
@@ -224,3 +230,6 @@ def limited_by_rounding(here: Iterate, after: str) -> str:
         f"is small beside the elastic moduli. A tolerance above {1.1 * here.rounding:.2g} is "
         "within reach."
     )
+
+
+__getattr__ = old_names(__name__)

@@ -98,3 +98,27 @@ def test_a_state_stays_when_others_are_made():
     assert seen(there)[0] != expected[0]
     for a, b in zip(seen(here), expected, strict=True):
         assert (a == b).all() if isinstance(a, np.ndarray) else a == b
+
+
+def test_an_iterate_is_a_value():
+    """What is computed at one v does not change what was or will be at another."""
+    problem = lshape_problem(lshape.paper_mesh(225))
+    blocks, v = waves(problem, 2.0)
+    _, w = waves(problem, 3.0, seed=2)
+    functional = DualFunctional(blocks, 100, 1e4)
+    here = functional.at(v)
+    found = []
+    for name in ("penalties", "active", "multipliers"):
+        other = functional.at(w)
+        other.hessian(), other.penalties, other.multipliers
+        found.append(getattr(here, name))
+    hessian = here.hessian()
+    entries = hessian.AsVector().FV().NumPy()
+    before = entries.copy()
+    functional.at(w).hessian()
+    assert np.array_equal(entries, before)
+    alone = DualFunctional(blocks, 100, 1e4).at(v)
+    assert found[:2] == [alone.penalties, alone.active]
+    multipliers = (vector.FV().NumPy() for vector in (found[2], alone.multipliers))
+    assert np.array_equal(*multipliers)
+    assert np.array_equal(alone.hessian().AsVector().FV().NumPy(), before)

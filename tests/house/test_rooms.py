@@ -25,7 +25,7 @@ FLOORS = (
 """From the ground up; rooms on one floor do not import each other."""
 
 FLOOR = {name: number for number, names in enumerate(FLOORS) for name in names}
-ANYWHERE = {"ngepc._version"}
+ANYWHERE = {"ngepc._deprecated", "ngepc._version"}
 """What every room may import from the entrance hall; the command line also ``ngepc`` itself."""
 
 STILL_UPWARDS = set()

@@ -178,11 +178,9 @@ def test_active_sets_find_the_solution_of_the_direct_method(discrete):
 
 def test_linear_systems_are_solved_as_exactly_as_the_step_deserves(discrete):
     target = InexactTarget(discrete, 1e-2, 1e-10)
-    assert target.accuracy(1.0) == 1e-2
-    assert target.accuracy(1e-2) == pytest.approx(
-        0.1 * 1e-4
-    )  # a tenth of what Newton leaves
-    assert target.accuracy(1e-7) == pytest.approx(
-        0.1 * 1e-3
-    )  # and of what the tolerance needs
-    assert target.accuracy(2e-10) == pytest.approx(0.1 * 0.5)
+    assert target.accuracy(1.0, None) == 1e-2
+    tenth_of_what_newton_leaves = 0.1 * 1e-4
+    assert target.accuracy(1e-2, 1.0) == pytest.approx(tenth_of_what_newton_leaves)
+    tenth_of_the_tolerance = 0.1 * 1e-3
+    assert target.accuracy(1e-7, 1e-2) == pytest.approx(tenth_of_the_tolerance)
+    assert target.accuracy(2e-10, 1e-7) == pytest.approx(0.1 * 0.5)

@@ -32,6 +32,7 @@ from ngepc.discretisation.rows import contact_rows
 from ngepc.geometries import block, lshape, ring
 from ngepc.linalg.linesearch import nearly_flat
 from ngepc.model.elements import plastic_points
+from ngepc.model.hardening import Voce
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 from ngepc.model.tensile import lame_parameters
@@ -338,6 +339,40 @@ def test_derivatives_match_central_differences(mesh):
     assert np.abs(tangent.solve(change) - d).max() < 1e-6 * np.abs(d).max()
 
 
+def test_a_point_of_the_energy_is_a_value():
+    """What is computed at one displacement does not change what was or will be at another."""
+    metal = Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=Voce(1.5, 1.0, 20.0))
+    problem = dataclasses.replace(example_a(lshape.paper_mesh(65)), material=metal)
+    energy = ReducedEnergy(problem)
+    rng = np.random.default_rng(8)
+    u, w = np.where(energy.free, rng.normal(size=(2, *energy.free.shape)), 0.0) * 1e-3
+    here = energy.at(u)
+    numbers = ("value", "gradient", "plastic_measure", "flowing")
+    found = []
+    for name in numbers:
+        energy.at(w).value, energy.at(w).gradient, energy.at(w).matrix
+        found.append(getattr(here, name))
+    alone = ReducedEnergy(problem).at(u)
+    for name, value in zip(numbers, found, strict=True):
+        assert np.array_equal(value, getattr(alone, name))
+    assert abs(here.matrix - alone.matrix).max() == 0
+    increment = here.mapping.plastic_increment
+    before = interpolated(problem, increment).vec.FV().NumPy().copy()
+    energy.at(w).value, energy.at(w).mapping
+    assert np.array_equal(interpolated(problem, increment).vec.FV().NumPy(), before)
+
+
+def test_the_matrix_is_the_derivative_of_the_gradient():
+    energy = ReducedEnergy(example_a(lshape.paper_mesh(65)))
+    rng = np.random.default_rng(8)
+    u, d = np.where(energy.free, rng.normal(size=(2, *energy.free.shape)), 0.0) * 1e-3
+    step = 1e-6
+    change = energy.at(u + step * d).gradient - energy.at(u - step * d).gradient
+    change = np.where(energy.free, change, 0.0).ravel() / (2 * step)
+    predicted = energy.at(u).matrix @ d.ravel()
+    assert np.abs(predicted - change).max() < 1e-6 * np.abs(change).max()
+
+
 def test_eliminated_plastic_strain_minimises_the_energy():
     problem = example_a(lshape.paper_mesh(65), initial_plastic_strain=TRACE_FREE)
     energy = ReducedEnergy(problem)
@@ -345,10 +380,10 @@ def test_eliminated_plastic_strain_minimises_the_energy():
     u = np.where(energy.free, rng.normal(size=energy.free.shape), 0.0) * 1e-3
     state = PrimalState(energy, u, np.zeros(len(energy.contact)))
     least = state.energy + np.vdot(energy.load, u)
-    p = interpolated(problem, energy.mapping.plastic_increment)
+    p = interpolated(problem, state.here.mapping.plastic_increment)
 
     def energy_of(q):
-        e = energy.mapping.elastic_strain_trial - problem.kinematics.tensor(q)
+        e = state.here.mapping.elastic_strain_trial - problem.kinematics.tensor(q)
         stored = 0.5 * (1e3 * (e[0, 0] + e[1, 1]) ** 2 + 2e3 * Norm(e) ** 2)
         constant = 1e3 * Norm(TRACE_FREE) ** 2
         density = stored + 50.0 * Norm(q) ** 2 + 1.25 * Norm(q) - constant
