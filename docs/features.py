@@ -36,8 +36,8 @@ METHODS = {
 
 HEAD = """# What each method covers
 
-Each method lists the features that it covers. A problem with any other feature is refused before any
-work, and the error names the feature. `problem.features` says which features a
+Each method lists the features that it covers. A problem with any other feature is refused
+before any work, and the error names the feature. `problem.features` says which features a
 problem has.
 
 - **exact**: `semismooth_newton`, `evolve`, `material_point`, and the certificate of a result
