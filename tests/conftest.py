@@ -52,6 +52,7 @@ SLOW = (
     "physics/test_cones.py",
     "physics/test_convergence_rates.py",
     "physics/test_crossings.py",
+    "physics/test_cycles.py",
     "physics/test_kinematics.py",
     "physics/test_laws.py",
     "physics/test_promises.py",

@@ -18,13 +18,7 @@ Changes = Mapping[str, object]
 """Field of ``Problem`` -> its value in the step; what is not named is as in the problem."""
 
 # The body, and what earlier steps decide, do not change; a load cycle scales its loads
-CARRIED = (
-    "mesh",
-    "material",
-    "kinematics",
-    "initial_plastic_strain",
-    "initial_hardening",
-)
+CARRIED = ("mesh", "kinematics", "initial_plastic_strain", "initial_hardening")
 CARRIED += ("initial_accumulated", "initial_displacement", "duration")
 LOADS = ("traction", "pressure", "body_force", "initial_strain", "prescribed")
 
@@ -49,7 +43,9 @@ class Schedule:
     times
         Ends of the steps, increasing, after ``begin``.
     changes
-        Time -> changes of the problem, such as {'gap': 0.1 - t}.
+        Time -> changes of the problem, such as {'gap': 0.1 - t}.  A 'material' of the step may have
+        other moduli, yield stress and hardening, those at its temperature, but no other kind of
+        hardening: plastic strain, PEEQ and the strains that harden go on, back stresses follow.
     begin
         Time of the given initial state: the first step lasts from there to the first time.  None
         if it is unknown.

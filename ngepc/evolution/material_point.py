@@ -166,7 +166,7 @@ class _Point:
         arrays = dict.fromkeys(names, zero)
         arrays |= dict.fromkeys(("hardening_variable", "accumulated"), zero[:, 0])
         arrays |= self.law.own_memory()
-        self.memory = Memory(SimpleNamespace(points=self), arrays)
+        self.memory = Memory(SimpleNamespace(points=self), arrays, material)
 
     def __len__(self) -> int:
         return 1

@@ -35,11 +35,13 @@ class Memory:
     ``arrays`` are coordinates of "plastic_strain" p_0 (1) and "back_stress" dev alpha_2,0 (stress),
     shape (points, d), "hardening_variable" alpha_1,0 >= 0 (1) and "accumulated", PEEQ (1), shape
     (points,); of ``Material.cyclic`` "parts" too, the plastic strains of n sub-elements, shape
-    (points, n d).  ``functions`` are the points, and the polynomials through them.
+    (points, n d).  ``functions`` are the points, and the polynomials through them, ``material`` is
+    that of the stresses.
     """
 
     functions: PointFunctions
     arrays: dict[str, np.ndarray]
+    material: Material
 
     @classmethod
     def initial(cls, problem: Problem) -> Memory:
@@ -55,7 +57,7 @@ class Memory:
         }
         arrays = {name: points.at(v) for name, v in given.items()}
         arrays |= law_of(problem, points).own_memory()
-        return cls(PointFunctions(points), arrays)
+        return cls(PointFunctions(points), arrays, problem.material)
 
     def after_step(self, step: EvolutionStep) -> Memory:
         """What a step leaves, from its displacement and its plastic strain."""
@@ -87,8 +89,36 @@ class Memory:
             "hardening_variable": at(material.scalar_growth) * size,
             "accumulated": PEEQ * size,
         }
-        grown = {name: self.arrays[name] + more for name, more in gained.items()}
-        return replace(self, arrays=grown | dict(own or {}))
+        before = self.with_material(material).arrays
+        grown = {name: before[name] + more for name, more in gained.items()}
+        return replace(self, arrays=grown | dict(own or {}), material=material)
+
+    def with_material(self, material: Material) -> Memory:
+        """The same strains with the moduli of another material.
+
+        What goes on is the plastic strain, PEEQ, alpha_2 / k and alpha_1 / k_1: the strains whose
+        energy is that of hardening.  The stresses alpha_2 and alpha_1 follow the moduli k and k_1.
+        ValueError where a kind of hardening comes or goes, since its strain is not known.
+        """
+        if material is self.material:
+            return self
+        at = self.functions.points.at
+        moduli = {
+            "back_stress": "hardening",
+            "hardening_variable": "hardening_stiffness",
+        }
+        arrays = dict(self.arrays)
+        for name, modulus in moduli.items():
+            before = at(getattr(self.material, modulus))
+            after = at(getattr(material, modulus))
+            if ((before == 0) != (after == 0)).any():
+                raise ValueError(
+                    f"material={material!r}: {modulus} is zero in one of two steps that follow "
+                    "each other, the same kind of hardening is needed in all of them"
+                )
+            factor = after / np.where(before > 0, before, 1.0)
+            arrays[name] = (np.where(before > 0, factor, 1.0) * arrays[name].T).T
+        return replace(self, arrays=arrays, material=material)
 
     def on(self, problem: Problem, parents: np.ndarray) -> Memory:
         """The same functions on a mesh whose simplices lie in these ones; PEEQ stays >= 0."""
@@ -98,22 +128,41 @@ class Memory:
             k: on_children(v, before, points, parents) for k, v in self.arrays.items()
         }
         carried["accumulated"] = np.maximum(carried["accumulated"], 0.0)
-        return Memory(PointFunctions(points), carried)
+        return Memory(PointFunctions(points), carried, self.material)
 
     def problem(self, base: Problem, changes: Mapping[str, object]) -> Problem:
         """``base`` with the changes of a step and this memory as its initial state."""
-        material = base.material
+        step = base.changed(**changes)
+        material = step.material
+        check_kind(base.material, material)
         tensor = base.kinematics.tensor
-        given = {name: self.functions.function(v) for name, v in self.arrays.items()}
+        arrays = self.with_material(material).arrays
+        given = {name: self.functions.function(v) for name, v in arrays.items()}
         hardening = tensor(given["back_stress"])
         if not is_zero(material.hardening_modulus):
             hardening = given["hardening_variable"], hardening
         if "parts" in given:
             hardening = given["parts"]
-        return base.changed(**changes).continued(
+        return step.continued(
             initial_plastic_strain=tensor(given["plastic_strain"]),
             initial_hardening=hardening,
             initial_accumulated=given["accumulated"],
+        )
+
+
+def check_kind(one: Material, other: Material) -> None:
+    """Accept a material of a step that remembers what the other one does."""
+    for name in ("law", "hill", "overlay"):
+        before = getattr(one, name)
+        after = getattr(other, name)
+        if type(before) is not type(after):
+            raise ValueError(
+                f"material={other!r}: {name} like that of the problem is needed, {before!r}"
+            )
+    if one.overlay is not None and one.overlay.count != other.overlay.count:
+        raise ValueError(
+            f"material={other!r}: {one.overlay.count} sub-elements are needed, "
+            f"it has {other.overlay.count}"
         )
 
 

@@ -33,7 +33,13 @@ from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, tol
 from ngepc.sensitivity.equations import INHERITED, Data
 from ngepc.sensitivity.functionals import Form, Functional, as_functional, slope_by_mesh
 from ngepc.sensitivity.linear import LinearStep, TangentError
-from ngepc.sensitivity.parameters import Direction, Parameters, changed_data, directions
+from ngepc.sensitivity.parameters import (
+    MATERIAL,
+    Direction,
+    Parameters,
+    changed_data,
+    directions,
+)
 
 COVERS = frozenset(
     {
@@ -186,6 +192,7 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
         raise ValueError(
             "result has steps with gamma: steps of the exact methods are needed"
         )
+    require_one_material(result)
     names = ("initial_plastic_strain", "initial_hardening", "initial_accumulated")
     problems[0] = replace(
         problems[0], **{name: getattr(result.problem, name) for name in names}
@@ -200,6 +207,27 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
     return [
         partial(restored, *pair) for pair in zip(problems, result.steps, strict=True)
     ]
+
+
+def require_one_material(result: Evolution) -> None:
+    """Refuse a history whose material changes: which one a derivative is by is not said."""
+    at = result.memory.functions.points.at
+    given = result.problem.material
+    for number, step in enumerate(result.steps, start=1):
+        material = step.problem.material
+        law = material.law
+        same = all(
+            np.array_equal(at(getattr(material, name)), at(getattr(given, name)))
+            for name in MATERIAL
+        )
+        if law is not None:
+            data = zip(law.data, given.law.data, strict=True)
+            same &= all(np.array_equal(at(one), at(other)) for one, other in data)
+        if not same:
+            raise ValueError(
+                f"the material of step {number} is {material!r}: derivatives need one material "
+                f"for the whole history, here {given!r}"
+            )
 
 
 @dataclass(frozen=True, eq=False)

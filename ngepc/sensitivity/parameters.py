@@ -43,7 +43,7 @@ from ngepc.sensitivity.law_data import OF_LAW, law_changes
 MATERIAL = tuple(
     field.name
     for field in fields(Material)
-    if field.name not in ("law", "rate", "hill")
+    if field.name not in ("law", "rate", "hill", "overlay")
 )
 LOADS = ("traction", "pressure", "body_force")
 BY_BOUNDARY = (
