@@ -58,81 +58,84 @@ OPTIONS = {
         "Example (a) or (b) of the paper, or a sphere pressed into a block",
         "lshape",
     ),
-    "--port N": (count, "of the page on this machine; default a free one"),
-    "--no-browser": (None, "print the address of the page, do not open it"),
-    "--nodes N": (count, "mesh of the paper's family; default the first of its tables"),
-    "--maxh H": (positive, "CSG mesh of this width instead"),
-    "--json FILE": (
-        location,
-        "the result, - for standard output: ngepc.results.records.FIELDS",
+    "--port N": (count, "port of the page on this machine; default: a free one"),
+    "--no-browser": (None, "print the address of the page, but do not open it"),
+    "--nodes N": (
+        count,
+        "use the paper's mesh with N nodes; default: its coarsest in the tables",
     ),
+    "--maxh H": (positive, "use an unstructured mesh of this width instead"),
+    "--json FILE": (location, "write the result as JSON; - for standard output"),
     "--method": (
         ("default", "primal"),
-        "the exact method, or a second one to check it",
+        "default: the exact method; primal: a second, independent solver",
         "default",
     ),
-    "--gamma G": (positive, "of the paper's method"),
+    "--gamma G": (positive, "use the paper's method with this gamma"),
     "--start START": (
         str,
-        "zero, coarse (solved on a coarse mesh) or file of --save",
+        "zero (default), coarse (a solution on a coarse mesh) or a file of --save",
         "zero",
     ),
     "body": (
         ("cut", "strip", "square", "punch"),
         "a vertical cut, ground under a strip, a square, a block of clay under a punch",
     ),
-    "--width PART": (
+    "--width X": (
         positive,
-        "cut the mesh until upper - lower is at most this part of lower; default 0.01",
+        "refine until (upper - lower) / lower is at most X; default 0.01",
         0.01,
     ),
-    "--max-cells N": (count, "no mesh gets more elements, default 10000", 10_000),
+    "--max-cells N": (count, "largest number of elements, default 10000", 10_000),
     "--error TOL": (
         positive,
         "refine the mesh until the relative energy error is below TOL",
     ),
     "--goal NAME": (
         ("contact_force", "work"),
-        "bisect the mesh until this number is guaranteed to --percent",
+        "refine the mesh until this number is guaranteed to --percent",
     ),
-    "--percent P": (positive, "half the width of the goal's interval, default 1"),
-    "--tolerance X": (positive, "default 1e-10"),
-    "--max-iterations N": (count, "default 300"),
-    "--save FILE": (location, "keep the run in a .npz file"),
-    "--figures DIR": (location, "write PNG figures there"),
+    "--percent P": (positive, "half width of the goal's interval, default 1"),
+    "--tolerance X": (positive, "tolerance of the residual, default 1e-10"),
+    "--max-iterations N": (count, "largest number of Newton steps, default 300"),
+    "--save FILE": (location, "save the run in a .npz file"),
+    "--figures DIR": (location, "write PNG figures to this folder"),
     "--gamma-start G": (positive, "first gamma, default 10"),
-    "--growth X": (positive, "theta > 1, default 7"),
-    "--gamma-end G": (positive, "go up to this gamma, whatever the path value does"),
+    "--growth X": (positive, "theta > 1, the growth of gamma, default 7"),
+    "--gamma-end G": (positive, "continue to this gamma instead of the path's test"),
     "--inner-tolerance X": (positive, "tau_in, default 10"),
     "--inner-scale C": (
         positive,
-        "on the inner tolerances, default 0.1, 1 in the paper",
+        "factor on the inner tolerances, default 0.1 (in the paper 1)",
     ),
     "--outer-tolerance X": (positive, "tau_out, default 0.7"),
-    "--residual-tolerance X": (positive, "follow the path until the residual is below"),
-    "--max-outer-iterations N": (count, "values of gamma, default 30"),
+    "--residual-tolerance X": (
+        positive,
+        "follow the path until the residual is below X",
+    ),
+    "--max-outer-iterations N": (count, "largest number of gammas, default 30"),
     "--checkpoint FILE": (
         location,
-        "kept after each gamma; the same command goes on from it",
+        "save the path after each gamma; the same command resumes from it",
     ),
-    "run_file": (location, "file of ngepc solve --save"),
-    "--out FILE": (location, "the HTML file; default beside the run"),
-    "folder": (location, "where to; it is made if missing"),
-    "--solutions": (None, "solutions of the exercises, too"),
-    "--force": (None, "replace files that are there already"),
-    "--out DIR": (location, "default out", Path("out")),
+    "run_file": (location, "a file written by ngepc solve --save"),
+    "--out FILE": (location, "the HTML file; default: next to the run"),
+    "folder": (location, "target folder, created if necessary"),
+    "--solutions": (None, "also copy the solutions of the exercises"),
+    "--force": (None, "replace existing files"),
+    "--out DIR": (location, "output folder, default: out", Path("out")),
     "--levels N": (
         count,
-        "meshes from the coarsest, default 3; radii of the norm gap, default 7",
+        "number of meshes from the coarsest, default 3 (norm gap: radii, default 7)",
     ),
     "--rows A,B": (
         words,
-        "names of rows, such as 1e0,default,default*,primal or NAFEMS R94",
+        "only these rows, such as 1e0,default,default*,primal or NAFEMS R94",
     ),
-    "--figures": (None, "pictures, too"),
-    "--lshape-nodes N": (count, "mesh of Example (a)"),
-    "--wrench-nodes N": (count, "mesh of Example (b)"),
-    "--solver": (("pyamg", "petsc"), "default pyamg"),
+    "--figures": (None, "also draw figures"),
+    "--lshape-nodes N": (count, "number of nodes of Example (a)"),
+    "--wrench-nodes N": (count, "number of nodes of Example (b)"),
+    "--solver": (("pyamg", "petsc"), "linear solver, default pyamg"),
     "--counts N,M": (counts, "numbers of processes, default 1,2,4,8"),
 }
 """Usage -> what reads the value (or the words to choose from, None for a switch), help, default."""
@@ -148,18 +151,18 @@ EXAMPLES = """
 ngepc solve lshape                               the default method on 833 nodes
 ngepc solve wrench --nodes 6353 --figures out    with pictures
 ngepc solve lshape --gamma 1e4 --start coarse    the paper's method, as in Table 1
-ngepc solve lshape --error 1e-2                  refine until the error is guaranteed
-ngepc solve lshape --goal contact_force          refine until the force is, to 1 percent
-ngepc solve lshape --save run.npz                keep it for the next one
-ngepc limit cut --width 0.005 --figures out      when a cut collapses, guaranteed
-ngepc report run.npz                             pictures, numbers, a view to turn and zoom
+ngepc solve lshape --error 1e-2                  refine until the error is at most 1 percent
+ngepc solve lshape --goal contact_force          refine until the force is known to 1 percent
+ngepc solve lshape --save run.npz                save the run, for a report or as a start
+ngepc limit cut --width 0.005 --figures out      bounds of the load at which a cut collapses
+ngepc report run.npz                             an HTML report with an interactive view
 ngepc path wrench --nodes 1641                        as in Table 3
-ngepc path lshape --gamma-end 1e6 --checkpoint p.npz  Ctrl-C, and on with the same command
-ngepc study table1 --levels 2 --out out/demo      Ctrl-C, and on with the same command
+ngepc path lshape --gamma-end 1e6 --checkpoint p.npz  after Ctrl-C the same command resumes
+ngepc study table1 --levels 2 --out out/demo      after Ctrl-C the same command resumes
 ngepc study benchmarks --figures                 published problems, with pictures
-ngepc lab lshape                                 drag the load, see the solution
+ngepc lab lshape                                 drag the load and see the solution
 ngepc notebooks mine --solutions                 lectures and exercises; then: jupyter lab mine
-eval "$(register-python-argcomplete ngepc)"      the Tab key completes, in this shell
+eval "$(register-python-argcomplete ngepc)"      completion by the Tab key, in this shell
 """
 """A line of them belongs to the command that it names."""
 
@@ -182,10 +185,10 @@ COMMANDS = {
                       "--goal NAME", "--percent P", *NEWTON,
                       "--save FILE", "--figures DIR")),
     "path": Command("follow the path in gamma on one mesh", (*BODY, "--checkpoint FILE", *PATH)),
-    "study": Command("remake a table or figure of the paper, count, compare, measure", ()),
-    "report": Command("write one HTML file about a saved run", ("run_file", "--out FILE")),
-    "limit": Command("the load that a body can never carry, between guaranteed bounds",
-                     ("body", "--width PART", "--max-cells N", "--json FILE", "--figures DIR")),
+        "study": Command("make a table or figure of the paper, or another measurement", ()),
+    "report": Command("write an HTML report about a saved run", ("run_file", "--out FILE")),
+    "limit": Command("guaranteed lower and upper bounds of a limit load",
+                     ("body", "--width X", "--max-cells N", "--json FILE", "--figures DIR")),
     "lab": Command("a live laboratory in the browser: drag loads, gaps, yield stress",
                    ("[example]", "--port N", "--no-browser"), "open_lab"),
     "notebooks": Command("copy the notebooks to a folder", ("folder", "--solutions", "--force")),
@@ -197,7 +200,7 @@ NODES = ("--lshape-nodes N", "--wrench-nodes N")
 STUDIES = {
     "table1": Command("Newton steps over meshes and gamma, Example (a)", COUNTS, "counts:Table1"),
     "table2": Command("Newton steps over meshes and gamma, Example (b)", COUNTS, "counts:Table2"),
-    "table3": Command("path-following for Example (b), and direct solves beside it",
+        "table3": Command("path-following for Example (b), compared with direct solves",
                       ("--levels N", "--inner-scale C"), "paths:Table3"),
     "figures": Command("Figures 2, 3, 5 and 6, ends of paths in gamma", NODES, "paths:Figures"),
     "figure4": Command("quotients of the last Newton steps", work="convergence:Figure4"),
@@ -207,15 +210,15 @@ STUDIES = {
                                 ("--nodes N", "--gamma G"), "convergence:WithoutTichonov"),
     "step42": Command("the body of step-42 by two methods", work="step42:Step42"),
     "counts": Command("Newton steps of the default method", work="counts:NewtonCounts"),
-    "cost": Command("what a solve costs in elastic solves", work="cost:Cost"),
+        "cost": Command("cost of a solve, in elastic solves", work="cost:Cost"),
     "locking": Command("volume locking: three tests, orders 1 and 2", work="locking:Locking"),
-    "bounds": Command("guaranteed bounds beside the error", work="bounds:Bounds"),
+        "bounds": Command("guaranteed error bounds and the true error", work="bounds:Bounds"),
     "benchmarks": Command("published problems: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
                           ("--rows A,B", "--figures"), "benchmarks:Benchmarks"),
-    "accuracy": Command("time to 5 and 1 percent of a number, beside CalculiX",
+        "accuracy": Command("time to 5 and 1 percent error, ngepc and CalculiX",
                         work="accuracy:Accuracy"),
     "large": Command("large bodies by multigrid", ("--levels N", "--solver"), "large:Large"),
-    "processes": Command("a large body shared by processes: time and memory of each",
+        "processes": Command("a large body on several processes: time and memory",
                          ("--levels N", "--counts N,M"), "large:Processes"),
 }  # fmt: skip
 """Name -> study."""
