@@ -164,7 +164,8 @@ def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
     mesh
         The whole mesh on process 0, straight triangles or tetrahedra; the others may give None.
     comm
-        The processes, a communicator of mpi4py; None for all that mpiexec has started.
+        The processes: a communicator of mpi4py, or an object with the methods that ``Team`` calls.
+        None for all processes that mpiexec has started.
 
     Returns
     -------
@@ -174,13 +175,14 @@ def distribute(mesh: Mesh | None, comm: Any = None) -> MeshPart:
     Raises
     ------
     ImportError
-        If mpi4py is missing.
+        If mpi4py is missing and no communicator is given.
     TypeError, ValueError
         If it is no such mesh, or has fewer elements than there are processes.
     """
-    if MPI is None:
-        raise ImportError(INSTALL)
-    comm = MPI.COMM_WORLD if comm is None else comm
+    if comm is None:
+        if MPI is None:
+            raise ImportError(INSTALL)
+        comm = MPI.COMM_WORLD
     work = partial(_pieces, mesh, comm.size) if comm.rank == 0 else list
     points, regions, interfaces, copies = comm.scatter(Team(comm).together(work))
     return MeshPart(points, regions, interfaces, Team(comm, copies, len(points)))

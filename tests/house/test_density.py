@@ -1,0 +1,42 @@
+"""Code that is unpacked, and walks through the rooms that climb no more than they do today."""
+
+import pytest
+from density import Density, densities
+from walk import Walk, walks
+
+ROOMS = densities()
+MOST_PACKED = 1.0
+"""Assignments ``a, b = x, y`` for 100 lines of code."""
+
+LONGEST_MEAN = 42.0
+"""Characters of a code line, in the mean over a room: ``cli``, much of which is text, has most."""
+
+MOST_CLIMBS = {"a load": 34, "a gamma": 1, "a bound": 6, "a gradient": 3}
+"""Calls upwards: methods that a higher room defines for a class of a lower one, and callbacks."""
+
+
+@pytest.mark.parametrize("room", sorted(ROOMS))
+def test_code_is_unpacked(room):
+    assert ROOMS[room].packed_per_100_lines <= MOST_PACKED
+    assert ROOMS[room].mean_line <= LONGEST_MEAN
+
+
+def test_climbs_do_not_increase():
+    found = {name: len(walk.climbs) for name, walk in walks().items()}
+    assert all(found[name] <= most for name, most in MOST_CLIMBS.items()), found
+
+
+def test_packed_assignments_and_tokens_are_seen():
+    density = Density()
+    density.add('"""Two\nlines."""\na, b = 1, 2  # packed\nc = (1, 2)\n')
+    assert (density.packed, density.lines) == (1, 2)
+    assert density.tokens == 7 + 7
+    assert density.mean_line == pytest.approx((21 + 10) / 2)
+
+
+def test_stays_and_returns_are_seen():
+    walk = Walk(lambda: None)
+    walk.functions = dict(enumerate(["model", "linalg", "model", "model", "linalg"]))
+    walk.pairs = {1: ("model", "model"), 2: ("linalg", "model")}
+    assert walk.rooms == ["model", "linalg", "model", "linalg"]
+    assert (walk.returns, walk.stays) == (2, 1)
