@@ -137,6 +137,7 @@ OPTIONS = {
     "--wrench-nodes N": (count, "number of nodes of Example (b)"),
     "--solver": (("pyamg", "petsc"), "linear solver, default pyamg"),
     "--counts N,M": (counts, "numbers of processes, default 1,2,4,8"),
+    "--order N": (count, "order of the displacements, 1 or 2, default 1"),
 }
 """Usage -> what reads the value (or the words to choose from, None for a switch), help, default."""
 
@@ -217,9 +218,10 @@ STUDIES = {
                           ("--rows A,B", "--figures"), "benchmarks:Benchmarks"),
         "accuracy": Command("time to 5 and 1 percent error, ngepc and CalculiX",
                         work="accuracy:Accuracy"),
-    "large": Command("large bodies by multigrid", ("--levels N", "--solver"), "large:Large"),
+    "large": Command("large bodies by multigrid", ("--levels N", "--order N", "--solver"),
+                     "large:Large"),
         "processes": Command("a large body on several processes: time and memory",
-                         ("--levels N", "--counts N,M"), "large:Processes"),
+                         ("--levels N", "--order N", "--counts N,M"), "large:Processes"),
 }  # fmt: skip
 """Name -> study."""
 

@@ -68,8 +68,10 @@ class ContactConditions:
             p: slice(*ends[k : k + 2]) for k, p in enumerate(rollers, len(pairs))
         }
         self.friction = friction_cone(problem, rows)
-        self.processes = problem.processes
+        self.processes = problem.nodal_processes
         self._own_rows = self.processes.owned(rows.nodes)
+        self._vertices = problem.processes
+        self._vertex_count = problem.mesh.nv
         tangents = np.repeat(rows.nodes, self.friction.d)
         self.own = self.processes.owned(np.append(rows.nodes, tangents))
         self.matrix = rows.normal
@@ -106,7 +108,12 @@ class ContactConditions:
 
     def forces(self, x: np.ndarray) -> np.ndarray:
         """R' x, the nodal forces of the body on the obstacle, shape (nodes, N)."""
-        return (self._transposed @ x).reshape(-1, self.rows.normals.shape[1])
+        own = np.zeros_like(x)
+        own[self.own] = x[self.own]
+        nodal_forces = self._transposed @ own
+        return self.processes.summed(
+            nodal_forces.reshape(-1, self.rows.normals.shape[1])
+        )
 
     def springs(self, row_stiffness: np.ndarray) -> np.ndarray:
         """Stiffness of springs of rollers in the tangent, 0 for other rows, shape (n,).
@@ -145,6 +152,12 @@ class ContactConditions:
     def sum_of(self, forces: np.ndarray) -> np.ndarray:
         """The sum over all rows of forces, shape (m, ...)."""
         return self.processes.total(forces[self._own_rows].sum(axis=0))
+
+    def at_vertices(self, values: np.ndarray) -> np.ndarray:
+        """What belongs to the rows of all processes, (m, ...), given to the vertices."""
+        own = np.zeros_like(values)
+        own[self._own_rows] = values[self._own_rows]
+        return self._vertices.summed(self.rows.at_vertices(own, self._vertex_count))
 
     def area(self, chosen: np.ndarray) -> float:
         """The area that belongs to some rows, boolean of shape (m,)."""
@@ -226,7 +239,7 @@ def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
     if not (own and len(given.vec) == space.ndof):
         given = GridFunction(space)
         given.Set(problem.u_0)
-    return problem.processes.spread(nodal(given.vec.FV().NumPy(), problem))
+    return problem.nodal_processes.spread(nodal(given.vec.FV().NumPy(), problem))
 
 
 def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows]:

@@ -26,6 +26,9 @@ EDGES = {
 }
 """Corners at the ends of the edges of a facet."""
 
+MIDDLE = -0.125
+"""Value of NGSolve's function of an edge at its middle, order two."""
+
 LATTICE = 12
 """Parts of an edge between the points where the overlap with an obstacle is evaluated."""
 

@@ -251,7 +251,7 @@ def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
         if isinstance(place, Point):
             vertices, values = values_at(g, problem.mesh, place)
             forces[vertices] += values
-    return problem.processes.summed(forces)
+    return problem.nodal_processes.summed(forces)
 
 
 def spring_matrix(
@@ -302,12 +302,13 @@ class Supports:
         self.problem = problem
         self.space = displacement_space(problem) if like is None else like.space
         free = nodal(np.array(list(self.space.FreeDofs()), dtype=bool), problem)
-        holding = problem.processes.summed((~free).astype(float))
+        processes = problem.nodal_processes
+        holding = processes.summed((~free).astype(float))
         self.free = holding == 0
         lift = nodal(
             prescribed_displacement(problem, self.space).vec.FV().NumPy(), problem
         )
-        self.values = problem.processes.summed(lift.copy()) / np.maximum(holding, 1)
+        self.values = processes.summed(lift.copy()) / np.maximum(holding, 1)
         if problem.kinematics.hoop:  # on the axis the radial displacement vanishes
             radii = np.abs(vertex_coordinates(problem.mesh)[:, 0])
             scalar = self.space.components[0]
@@ -325,7 +326,9 @@ class Supports:
     def pull(self, u: np.ndarray, place: Place | None = None) -> np.ndarray:
         """The forces on the springs, of one place or of all, at displacements, both (nodes, N)."""
         matrix = self.stiffness if place is None else self.springs[place]
-        return self.problem.processes.summed((matrix @ u.ravel()).reshape(u.shape))
+        return self.problem.nodal_processes.summed(
+            (matrix @ u.ravel()).reshape(u.shape)
+        )
 
     def function(self, u: np.ndarray, name: str = "displacement") -> GridFunction:
         """The displacement with these nodal values."""

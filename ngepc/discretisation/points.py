@@ -35,7 +35,7 @@ from ngsolve import (
 from ngepc.model.elements import elements_by_shape, plastic_order, plastic_points
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.problem import Problem
-from ngepc.model.processes import Team, processes_of
+from ngepc.model.processes import Team, nodal_processes_of
 
 CHUNK = 20_000  # elements whose matrices are held in memory at once
 
@@ -183,7 +183,7 @@ class Points:
         self.mesh = mesh
         self.kinematics = kinematics
         self.order = order
-        self.processes = processes_of(mesh)
+        self.processes = nodal_processes_of(mesh, order)
         self.rules = plastic_points(mesh, order)
         self.scalar = H1(mesh, order=order)
         self._mapped = mesh.MapToAllElements(self.rules, mesh.Materials(".*"))

@@ -7,7 +7,8 @@ from ngsolve import BND, H1, VERTEX, FESpace, GridFunction, Mesh, NodeId
 from ngsolve.la import BaseVector
 from scipy.spatial import cKDTree
 
-from ngepc.model.elements import vertex_coordinates
+from ngepc.discretisation.facets import MIDDLE
+from ngepc.model.elements import edge_ends, has_straight_simplices, vertex_coordinates
 from ngepc.model.problem import Problem
 from ngepc.model.processes import require_whole
 
@@ -57,8 +58,9 @@ def at_vertices(
 def nodal_values(start: object, problem: Problem) -> np.ndarray:
     """A displacement, or the ``displacement`` of a result, at a problem's nodes, shape (nodes, N).
 
-    On the same mesh and for the same order it is itself, otherwise it is evaluated at the vertices
-    and varies linearly between them.  A TypeError or ValueError if it has not N components.
+    On the same mesh and for the same order it is itself, otherwise it is evaluated at the vertices,
+    for order two on straight simplices at the middles of the edges too.  A TypeError or ValueError
+    if it has not N components.
     """
     source = (
         start
@@ -81,12 +83,48 @@ def nodal_values(start: object, problem: Problem) -> np.ndarray:
     same = np.array_equal(vertex_coordinates(mesh), vertex_coordinates(own))
     if same and len(given) == count:
         return given
-    there = given[: own.nv]
     values = np.zeros((count, N))
+    if problem.order == 2 and has_straight_simplices(mesh):
+        values[:] = _quadratic(source, problem)
+        return problem.nodal_processes.spread(values)
+    there = given[: own.nv]
     values[: mesh.nv] = (
         there if same else at_vertices(own, there, mesh, np.arange(mesh.nv))
     )
     return values
+
+
+def _quadratic(source: GridFunction, problem: Problem) -> np.ndarray:
+    """Coefficients of the quadratic function with the values of another one, (nodes, N).
+
+    It has the same values at the vertices and at the middles of the edges.
+    """
+    own = source.space.mesh
+    mesh = problem.mesh
+    if own is not mesh and own is not getattr(mesh, "coarse", None):
+        require_whole("start on a mesh that this one was not refined from", mesh)
+    ends = edge_ends(mesh)
+    vertices = vertex_coordinates(mesh)
+    points = np.concatenate([vertices, vertices[ends].mean(axis=1)])
+    values = values_at_points(source, points)
+    at_vertices, at_middles = np.split(values, [len(vertices)])
+    bend = at_middles - at_vertices[ends].mean(axis=1)
+    return np.concatenate([at_vertices, bend / MIDDLE])
+
+
+def values_at_points(function: GridFunction, points: np.ndarray) -> np.ndarray:
+    """A function of N components at points (n, N), outside at a nearest vertex."""
+    mesh = function.space.mesh
+    places = mesh(*points.T)
+    inside = places["nr"] >= 0
+    result = np.empty(points.shape)
+    result[inside] = np.asarray(function(places[inside]))
+    if not inside.all():
+        vertices = vertex_coordinates(mesh)
+        _, nearest = cKDTree(vertices).query(points[~inside])
+        parts = [part.vec.FV().NumPy()[nearest] for part in function.components]
+        result[~inside] = np.stack(parts, axis=1)
+    return result
 
 
 def prolongate(source: FESpace, values: BaseVector, target: FESpace) -> np.ndarray:

@@ -28,7 +28,13 @@ from scipy.sparse import csr_matrix, diags, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import norm
 
-from ngepc.discretisation.facets import EDGES, FacetNodes, facet_lattice, facet_nodes
+from ngepc.discretisation.facets import (
+    EDGES,
+    MIDDLE,
+    FacetNodes,
+    facet_lattice,
+    facet_nodes,
+)
 from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.quadrature import rules_of
 from ngepc.model.problem import Problem
@@ -45,7 +51,6 @@ JUMP = 0.4
 """A gap jumps where it misses its polynomial by more than this part of what the coefficient and the
 value at a node differ by."""
 ZERO_GAP = 1e-9  # part of the largest gap that is no jump
-MIDDLE = -0.125  # value of NGSolve's function of an edge at its middle, order two
 HELD = 1e-8  # a row with a smaller free part is held by the support: no contact can happen there
 
 
@@ -190,7 +195,7 @@ def meeting_faces(
 def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
     own, means = _records(problem)
-    records, means = _shared(own, means, problem.processes)
+    records, means = _shared(own, means, problem.nodal_processes)
     weights = records["weight"]
     directions = weights[:, None] * records["normal"]
     nodes, sums = meeting_faces(records["node"], records["boundary"], directions)

@@ -126,7 +126,7 @@ class InexactTarget:
             multiply = closed.stiffened(tangent.multiply)
             fixed = closed.moved(here.gaps[closed.numbers])
             loads = out_of_balance - closed.slipping(here.gaps)
-            right = closed.project(loads - multiply(fixed))
+            right = closed.unbalanced(loads - multiply(fixed))
             start = closed.project(at.change - fixed)
             scale = scale or accuracy * processes.norm(right)
             change = fixed + tangent.minimise(closed, right, start, scale)

@@ -1,7 +1,12 @@
 """Projection onto the displacements that supports and closed or sticking contact rows allow.
 
+A row of order two belongs to a node and to the ends of its edge.  It is solved for the displacement
+of its own node: P u = u - E (R E)^-1 R u with the rows R and displacements E of their nodes, the
+rows of vertices first, then those of edges, so that all systems are small and local.  Forces are
+projected by the transpose of P.
+
 Rows that slip with Coulomb's law push obliquely: their tangential force is a part of the normal
-one.  Forces are then projected along what the rows push, displacements onto what they leave free.
+one.  Forces are then projected along what the rows push.
 """
 
 from __future__ import annotations
@@ -67,11 +72,11 @@ class Rubbing(NamedTuple):
 
 
 class Closed:
-    """The displacements that keep supports and closed contact rows, and the projection onto them.
+    """The displacements that keep supports and closed contact rows, and projections onto them.
 
     ``active`` tells which rows are closed, ``rubbing`` what they do along their tangents, None
     without friction.  ``numbers`` are the held rows among all forces, the tangents last;
-    ``slanted`` says that rows push obliquely, so that the projection is no orthogonal one.
+    ``slanted`` says that rows push obliquely, so that the tangent is not symmetric on them.
     FactorisationError if the closed rows are dependent.
     """
 
@@ -79,13 +84,16 @@ class Closed:
         self, body: DiscreteBody, active: np.ndarray, rubbing: Rubbing | None = None
     ) -> None:
         self.free = body.free.ravel().astype(float)
-        rows = body.contact.rows
+        self._N = body.free.shape[1]
+        contact = body.contact
+        rows = contact.rows
         m = len(active)
         nothing = np.zeros((m, 0))
         sticks, bound, slant, stiffness = rubbing or (
             *[nothing] * 3,
             csr_matrix((0, 0)),
         )
+        self._processes = contact.processes
         self._bound = bound.ravel()
         self._stiffness = stiffness
         self._m = m
@@ -93,7 +101,6 @@ class Closed:
         places = np.arange(slant.size), np.arange(m + 1) * slant.shape[1]
         self._slant = csr_matrix((slant.ravel(), *places), shape=(m, slant.size))
         self.slanted = bool(slant.any())
-        self._springs = (T.T @ stiffness @ T).tocsr()
         closed = np.flatnonzero(active)
         sticking = np.flatnonzero(sticks)
         self.numbers = np.append(closed, m + sticking)
@@ -103,44 +110,82 @@ class Closed:
         held = T[sticking]
         self.rows = vstack([normal, held]).multiply(self.free).tocsr()
         pushed = vstack([normal + self._slant[closed] @ T, held])
-        self._pushed = pushed.multiply(self.free).T.tocsr()
-        try:
-            gram = (self.rows @ self._pushed).tocsc()
-            self._solve = splu(gram).solve if gram.shape[0] else np.copy
-        except RuntimeError as error:
-            raise FactorisationError(
-                "contact rows of one node are dependent"
-            ) from error
+        pushed = pushed.multiply(self.free).tocsr()
+
+        own = self._processes.owned(self._nodes)
+        self._mine = np.zeros(len(self._nodes), dtype=bool)
+        self._mine[own] = True
+        self._my_tangents = np.zeros(T.shape[0])
+        self._my_tangents[self._processes.owned(of_tangents)] = 1.0
+
+        between = self._nodes >= body.problem.mesh.nv
+        if body.problem.contact_pairs:
+            between[:] = False  # their rows have no node of their own
+        self._at_vertices = Eliminated(self.rows, pushed, np.flatnonzero(~between))
+        parts = self.rows, pushed, np.flatnonzero(between)
+        self._between = Eliminated(*parts, self._nodes, self._N)
 
     def moved(self, amounts: np.ndarray) -> np.ndarray:
         """A displacement of nodes at the held rows that moves these by some amounts."""
-        return self._pushed @ self._solve(amounts)
+        change = self._at_vertices.moved(amounts)
+        return change + self._between.moved(amounts - self.rows @ change)
+
+    def _gathered(self, forces: np.ndarray) -> np.ndarray:
+        """Nodal forces to which all processes contribute, flat."""
+        return self._processes.summed(forces.reshape(-1, self._N)).ravel()
 
     def stiffened(self, multiply: Linear) -> Linear:
         """A stiffness with that of the tangents that slip."""
-        if not self._springs.nnz:
+        T = self._tangential
+        if not self._processes.any(self._stiffness.data):
             return multiply
-        return lambda x: multiply(x) + self._springs @ x
+
+        def stiffer(x: np.ndarray) -> np.ndarray:
+            """The stiffness times x, with that of the tangents."""
+            return multiply(x) + self._dragging(self._stiffness @ (T @ x))
+
+        return stiffer
 
     def slipping(self, gaps: np.ndarray) -> np.ndarray:
         """Nodal forces of the rows that slip, without their normal forces and further slip."""
-        return self._tangential.T @ self._dragged(gaps)
+        return self._dragging(self._dragged(gaps))
+
+    def _dragging(self, along: np.ndarray) -> np.ndarray:
+        """Nodal forces of forces along the tangents of all rows."""
+        return self._gathered(self._tangential.T @ (self._my_tangents * along))
 
     def forces(self, imbalance: np.ndarray, gaps: np.ndarray) -> np.ndarray:
-        """The forces of all rows with these gaps: those held balance nodal forces best."""
+        """The forces of all rows with these gaps: those held balance nodal forces."""
         x = np.zeros(len(gaps))
         m = self._m
-        x[self.numbers] = self._solve(self.rows @ imbalance)
+        x[self.numbers] = self._balancing(imbalance)[0]
         x[m:] += x[:m] @ self._slant + self._dragged(gaps)
         return x
 
     def _dragged(self, gaps: np.ndarray) -> np.ndarray:
         return self._bound - self._stiffness @ gaps[self._m :]
 
-    def project(self, x: np.ndarray) -> np.ndarray:
-        """The part of a displacement, or of nodal forces, that supports and rows leave free."""
-        x = self.free * x
-        return x - self.moved(self.rows @ x)
+    def project(self, u: np.ndarray) -> np.ndarray:
+        """The displacement that supports and rows allow, with other values at their nodes alone."""
+        u = self.free * u
+        return u - self.moved(self.rows @ u)
+
+    def unbalanced(self, forces: np.ndarray) -> np.ndarray:
+        """What supports and held rows leave of nodal forces, flat.
+
+        Its work is zero for all displacements by which ``project`` corrects others.
+        """
+        return self._balancing(forces)[1]
+
+    def _balancing(self, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Forces of the held rows that balance nodal forces at their nodes, and what is left."""
+        left = self.free * forces
+        between = self._between.pushing(left)
+        pushed = self._between.pushed @ (self._mine * between)
+        left = left - self._gathered(pushed)
+        at_vertices = self._at_vertices.pushing(left)
+        left = left - self._at_vertices.pushed @ at_vertices
+        return between + at_vertices, left
 
     def pins(self, N: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes of closed rows and the projections onto what they leave free there, (k, N, N).
@@ -156,3 +201,64 @@ class Closed:
         sizes, vectors = np.linalg.eigh(gram)
         left = (sizes <= PARALLEL * sizes[:, -1:]).astype(float)
         return nodes, np.einsum("kan,kn,kbn->kab", vectors, left, vectors)
+
+
+class Eliminated:
+    """Some of the held rows, and displacements of their nodes in terms of which they are solved.
+
+    With the rows R, what they push S and displacements E, the matrices R E and E' S are regular.
+    E are the rows themselves, or their parts at a node of each of them, ``nodes``.
+    """
+
+    def __init__(
+        self,
+        rows: csr_matrix,
+        pushed: csr_matrix,
+        chosen: np.ndarray,
+        nodes: np.ndarray | None = None,
+        N: int = 1,
+    ) -> None:
+        count = rows.shape[0]
+        self._chosen = chosen
+        kept = csr_matrix(
+            (np.ones(len(chosen)), (chosen, chosen)), shape=(count, count)
+        )
+        R = rows[chosen]
+        own = R
+        if nodes is not None:
+            own = part_at(R, nodes[chosen], N)
+        self._rows = R
+        self._moves = own.T.tocsr()
+        self._tests = own
+        self.pushed = (kept @ pushed).T.tocsr()
+        self._count = count
+        self._solve_rows = solver(R @ self._moves)
+        self._solve_forces = solver(own @ pushed[chosen].T)
+
+    def moved(self, amounts: np.ndarray) -> np.ndarray:
+        """A displacement along E that moves these rows by their part of the amounts."""
+        return self._moves @ self._solve_rows(amounts[self._chosen])
+
+    def pushing(self, forces: np.ndarray) -> np.ndarray:
+        """Forces of all held rows, zero but for these, in balance with nodal forces along E."""
+        result = np.zeros(self._count)
+        result[self._chosen] = self._solve_forces(self._tests @ forces)
+        return result
+
+
+def part_at(rows: csr_matrix, nodes: np.ndarray, N: int) -> csr_matrix:
+    """Rows on displacements flattened node by node, cut to one node for each."""
+    entries = rows.tocoo()
+    here = entries.col // N == nodes[entries.row]
+    where = entries.row[here], entries.col[here]
+    return csr_matrix((entries.data[here], where), shape=rows.shape)
+
+
+def solver(matrix: csr_matrix) -> Linear:
+    """The solution of small sparse systems; FactorisationError for a singular matrix."""
+    if not matrix.shape[0]:
+        return np.copy
+    try:
+        return splu(matrix.tocsc()).solve
+    except RuntimeError as error:
+        raise FactorisationError("contact rows of one node are dependent") from error

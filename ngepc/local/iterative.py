@@ -156,7 +156,7 @@ class IterativeTangent:
         ``accuracy`` is a relative residual.
         """
         closed = Closed(self._body, np.zeros(len(self._body.contact.rows), dtype=bool))
-        right = closed.project(forces.ravel())
+        right = closed.unbalanced(forces.ravel())
         tolerance = accuracy * self._processes.norm(right)
         return self.minimise(closed, right, np.zeros_like(right), tolerance).reshape(
             forces.shape
@@ -165,7 +165,7 @@ class IterativeTangent:
     def minimise(
         self, closed: Closed, right: np.ndarray, start: np.ndarray, tolerance: float
     ) -> np.ndarray:
-        """The x that ``closed`` leaves free with K x = right there, flat, from such a ``start``.
+        """The x that ``closed`` allows with K x = right but for its rows, from such a ``start``.
 
         ``tolerance`` bounds the norm of the forces that remain.  FactorisationError if that takes
         more than ``max_iterations`` or the preconditioner is not positive.
@@ -176,15 +176,15 @@ class IterativeTangent:
         processes = self._processes
 
         def image(x: np.ndarray) -> np.ndarray:
-            """The tangent times x, projected."""
-            return closed.project(multiply(x))
+            """What the rows leave of the tangent times x."""
+            return closed.unbalanced(multiply(x))
 
         def precondition(r: np.ndarray) -> np.ndarray:
             """The preconditioner times r, projected."""
             return closed.project(self._precondition(r))
 
         moved = processes.dot(start, start) > 0
-        left = closed.project(right - multiply(start) if moved else right)
+        left = closed.unbalanced(right - multiply(start) if moved else right)
         if processes.norm(left) <= tolerance:
             return start
         oblique = processes.any(np.array(closed.slanted))

@@ -87,7 +87,7 @@ class DiscreteProblem(DiscreteBody):
         """Diagonal of the elastic stiffness, see ``DiscreteBody``."""
         diagonal = self.points.diagonal(self.law.bulk, self.law.two_mu)
         springs = self.supports.stiffness.diagonal().reshape(diagonal.shape)
-        return diagonal + self.problem.processes.summed(springs)
+        return diagonal + self.problem.nodal_processes.summed(springs)
 
     def state(
         self,

@@ -61,6 +61,7 @@ SHARED_MESH_COVERS = frozenset(
         "axisymmetric",
         "solid",
         "other kinematics",
+        "order 2",
         "other shapes",
         "curved elements",
         "shared mesh",

@@ -17,7 +17,7 @@ from ngepc.model.elements import outward_normal
 from ngepc.model.kinematics import TWO_DIMENSIONAL, Kinematics
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Contact, Coulomb, Place, Roller, places
-from ngepc.model.processes import Team, processes_of
+from ngepc.model.processes import Team, nodal_processes_of, processes_of
 from ngepc.model.viscosity import RateLaw
 
 Vector = CoefficientFunction | Sequence[Coefficient]
@@ -78,8 +78,13 @@ class ProblemData:
 
     @property
     def processes(self) -> Team:
-        """The processes that share the mesh."""
+        """The processes that share the mesh, by its vertices."""
         return processes_of(self.mesh)
+
+    @property
+    def nodal_processes(self) -> Team:
+        """The same processes by the nodes of the displacements."""
+        return nodal_processes_of(self.mesh, self.order)
 
     @property
     def normal(self) -> CoefficientFunction:

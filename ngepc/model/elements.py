@@ -20,6 +20,7 @@ from ngsolve import (
     ET,
     BoundaryFromVolumeCF,
     CoefficientFunction,
+    HCurl,
     IfPos,
     InnerProduct,
     IntegrationRule,
@@ -67,6 +68,13 @@ def elements_by_shape(mesh: Mesh) -> list[tuple[np.ndarray, np.ndarray]]:
 def vertex_coordinates(mesh: Mesh) -> np.ndarray:
     """The coordinates of the vertices, shape (vertices, N)."""
     return np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, : mesh.dim]
+
+
+def edge_ends(mesh: Mesh) -> np.ndarray:
+    """The vertices at the ends of the edges, in NGSolve's order of edges, shape (edges, 2)."""
+    gradient, _ = HCurl(mesh, order=0).CreateGradient()
+    _, ends, _ = gradient.CSR()
+    return np.array(ends, dtype=int).reshape(-1, 2)
 
 
 def boundary_corners(mesh: Mesh, names: Sequence[str]) -> np.ndarray:

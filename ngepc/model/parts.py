@@ -8,7 +8,7 @@ and no process ever has the fine mesh.
 from __future__ import annotations
 
 import sys
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations
 from types import TracebackType
 from typing import Any
@@ -20,6 +20,7 @@ from ngepc.checks.kinds import require_mesh
 from ngepc.geometries.outlines import netgen_mesh
 from ngepc.model.elements import (
     cells_of,
+    edge_ends,
     element_facets,
     element_nodes,
     facet_keys,
@@ -115,6 +116,17 @@ class MeshPart(Mesh):
         """The names of all boundaries of the body; NGSolve forgets those that have no element."""
         return tuple(name for d, name, _ in self.regions if d < self.dim)
 
+    def of_nodes(self, order: int) -> Team:
+        """The processes by the nodes of displacements of order one or two."""
+        return self.processes if order == 1 else self._of_edges_too
+
+    @cached_property
+    def _of_edges_too(self) -> Team:
+        """The processes by vertices, then edges, in the order of NGSolve's spaces."""
+        ends = edge_ends(self)
+        copies = self._common(ends)
+        return Team(self.processes.comm, copies, self.nv + len(ends))
+
     def refined(self) -> MeshPart:
         """The part of the mesh with all edges halved; the processes refine at the same time."""
         corners = np.concatenate(
@@ -136,9 +148,10 @@ class MeshPart(Mesh):
         return fine
 
     def _common(self, parents: np.ndarray) -> dict[int, np.ndarray]:
-        """Number of another process -> the vertices that it has as well, with middles of edges.
+        """Number of another process -> the vertices that it has as well, then the edges.
 
-        An edge whose ends are on two processes need not be: they tell each other which ones are.
+        Edges are numbered behind the vertices; ``parents`` (edges, 2) are their ends.  An edge
+        whose ends are on two processes need not be: they tell each other which ones are.
         """
         processes = self.processes
         copies = {}

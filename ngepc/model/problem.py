@@ -113,8 +113,7 @@ class Problem(ProblemData):
     def _order(self) -> int:
         """The order that was given, else that of the kinematics."""
         if self.order is None or isinstance(self.order, DefaultOrder):
-            low = self.kinematics is TWO_DIMENSIONAL or self.processes.size > 1
-            return DefaultOrder(1 if low else 2)
+            return DefaultOrder(1 if self.kinematics is TWO_DIMENSIONAL else 2)
         return require_integer("order", self.order, 1, 2)
 
     @property

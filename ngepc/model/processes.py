@@ -153,6 +153,14 @@ def processes_of(mesh: Mesh) -> Team:
     return getattr(mesh, "processes", ALONE)
 
 
+def nodal_processes_of(mesh: Mesh, order: int) -> Team:
+    """The same processes, which agree on the nodes of displacements of an order.
+
+    These are the vertices, for order two the edges after them.
+    """
+    return mesh.of_nodes(order) if processes_of(mesh).size > 1 else ALONE
+
+
 def nodes_of(mesh: Mesh) -> int:
     """Vertices of a mesh, each counted once where processes share it."""
     return getattr(processes_of(mesh), "count", mesh.nv)

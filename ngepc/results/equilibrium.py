@@ -68,7 +68,7 @@ class Equilibrium:
         for _, place, axis, _ in problem.held:
             here[place][axis, nodes_at(V.components[axis], place)] = 1.0
         held = {
-            place: problem.processes.summed(mask.T).T > 0
+            place: problem.nodal_processes.summed(mask.T).T > 0
             for place, mask in here.items()
         }
         fixed = np.where(self.free, 0.0, self.residual_force)

@@ -254,14 +254,14 @@ class DiscreteSolution(Result):
 
     def _density(self, name: str, forces: np.ndarray) -> GridFunction:
         """Forces of the rows, shape (m, components), over the area that belongs to them, P1."""
-        rows = self.rows
+        conditions = self.state.body.contact
         mesh = self.problem.mesh
         components = forces.shape[1]
         space = H1(mesh, order=1) if components == 1 else VectorH1(mesh, order=1)
         density = GridFunction(space, name=name)
-        area = rows.at_vertices(rows.weights, mesh.nv)
+        area = conditions.at_vertices(conditions.rows.weights)
         values = density.vec.FV().NumPy().reshape(components, mesh.nv)
-        values += rows.at_vertices(forces, mesh.nv).T
+        values += conditions.at_vertices(forces).T
         values /= np.where(area > 0, area, 1.0)
         return density
 

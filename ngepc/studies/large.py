@@ -63,7 +63,11 @@ def pressed(mesh: Mesh, hardening: float, order: int = 1) -> Problem:
 
 
 def solved_in_a_row(
-    mesh: Mesh | MeshPart, levels: int, hardening: float, inverse: Iterative
+    mesh: Mesh | MeshPart,
+    levels: int,
+    hardening: float,
+    inverse: Iterative,
+    order: int = 1,
 ) -> Iterator[tuple[ExactResult, dict]]:
     """Results and their numbers on the mesh refined once, twice ..., each started from the last."""
     result = None
@@ -73,7 +77,7 @@ def solved_in_a_row(
         else:
             mesh.Refine()  # itself: a copy would forget which edges to bisect next
             finer = Mesh(mesh.ngmesh.Copy())
-        problem = pressed(finer, hardening * LAME_MU)
+        problem = pressed(finer, hardening * LAME_MU, order)
         result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, inverse, None)
         names = ("back_substitutions", "linear_iterations")
         solves, linear = (result.history.column(name)[1:] for name in names)
@@ -91,16 +95,18 @@ def solved_in_a_row(
         yield result, numbers
 
 
-def solve_large(levels: int, inverse: Iterative, hardening: float = 0.1) -> list[dict]:
-    """The records of ``levels`` meshes from 281 nodes on; ``hardening`` is h/mu.
+def solve_large(
+    levels: int, inverse: Iterative, hardening: float = 0.1, order: int = 1
+) -> list[dict]:
+    """The records of ``levels`` meshes from 281 vertices on; ``hardening`` is h/mu.
 
     'difference' is the relative one of the energy to the direct solver's, on small meshes.
     """
     begin = time.process_time()
     records = []
-    runs = solved_in_a_row(block.mesh(maxh=0.4), levels, hardening, inverse)
+    runs = solved_in_a_row(block.mesh(maxh=0.4), levels, hardening, inverse, order)
     for result, numbers in runs:
-        about = {"nodes": result.problem.mesh.nv, **numbers}
+        about = {"nodes": len(result.state.u), **numbers}
         about |= {"cpu_s": time.process_time() - begin, "memory_mb": peak_memory()}
         if about["nodes"] <= DIRECT_NODES:
             clock = time.process_time()
@@ -117,6 +123,7 @@ class Large(OverMeshes):
     """``levels`` meshes in a row for each hardening, each started from the one before."""
 
     solver: str = "pyamg"
+    order: int = 1
 
     name = "large"
     title = "A sphere pressed into a block, by iterative solvers"
@@ -124,48 +131,52 @@ class Large(OverMeshes):
         | CG for a solve: mean = {mean:.1f} | most = {most:.0f} | CPU s = {cpu_s:.1f}
         | MB = {memory_mb:.0f} | J = {energy:.10f} | direct = {difference:.0e}"""
     note = (
-        f"Solver {{study.solver}}, tolerance {TOLERANCE:g}, nested from 281 nodes; CPU seconds "
+        f"Solver {{study.solver}}, order {{study.order}}, tolerance {TOLERANCE:g}, nested from "
+        "281 vertices; CPU seconds "
         "from the coarsest mesh on, meshes included; MB: the most that the process has held so "
         "far; direct: difference of the energies."
     )
 
     def cells(self) -> list[dict]:
         """One for each hardening."""
-        about = {"solver": self.solver, "levels": self.levels}
+        about = {"solver": self.solver, "levels": self.levels, "order": self.order}
         return [{"hardening": value, **about} for value in HARDENINGS]
 
-    def solve(self, hardening: float, solver: str, levels: int) -> list[dict]:
+    def solve(
+        self, hardening: float, solver: str, levels: int, order: int
+    ) -> list[dict]:
         """All meshes for one hardening."""
-        return in_own_process(solve_large, levels, SOLVERS[solver](), hardening)
+        inverse = SOLVERS[solver]()
+        return in_own_process(solve_large, levels, inverse, hardening, order)
 
 
 LAUNCH = ("mpiexec", "--allow-run-as-root", "--oversubscribe", "-n")
 """As root and with more processes than cores, as in containers; both are Open MPI's."""
 
-CHILD = (
-    "import sys; from ngepc.studies.large import child; child(sys.argv[1], sys.argv[2])"
-)
+CHILD = "import sys; from ngepc.studies.large import child; child(*sys.argv[1:])"
 
 
-def child(levels: str, path: str) -> None:
+def child(levels: str, path: str, order: str) -> None:
     """What each process of a cell does; process 0 writes the records of all meshes to a file."""
     world = MPI.COMM_WORLD
     begin = time.process_time()
     clock = time.perf_counter()
     records = []
     whole = distribute(block.mesh(maxh=0.4) if world.rank == 0 else None)
-    runs = solved_in_a_row(whole, int(levels), SHARED_HARDENING, PETSc())
+    size = int(levels), SHARED_HARDENING
+    runs = solved_in_a_row(whole, *size, PETSc(), int(order))
     for result, numbers in runs:
         mesh = result.problem.mesh
         seconds = time.process_time()
         wall = time.perf_counter() - clock
-        own = world.allgather((mesh.nv, seconds - begin, peak_memory()))
+        own = world.allgather((len(result.state.u), seconds - begin, peak_memory()))
         each = dict(
             zip(("own", "cpu_s", "mb"), map(list, zip(*own, strict=True)), strict=True)
         )
         about = {"force": result.contact_force, "wall_s": wall, **each}
         about |= {f"largest_{name}": max(values) for name, values in each.items()}
-        records.append({"nodes": mesh.processes.count, **numbers, **about})
+        nodes = mesh.of_nodes(int(order)).count
+        records.append({"nodes": nodes, **numbers, **about})
     if world.rank == 0:
         Path(path).write_text(json.dumps(records), encoding="utf-8")
 
@@ -175,6 +186,7 @@ class Processes(OverMeshes):
     """``levels`` meshes in a row, 5 for 702,081 nodes, for each number of ``counts``."""
 
     counts: Sequence[int] = (1, 2, 4, 8)
+    order: int = 1
 
     name = "processes"
     title = "A sphere pressed into a block that processes share"
@@ -189,9 +201,10 @@ class Processes(OverMeshes):
         PETSc()  # says so if it is missing
         if MPI is None:
             raise ImportError(INSTALL)
-        return [{"processes": count, "levels": self.levels} for count in self.counts]
+        about = {"levels": self.levels, "order": self.order}
+        return [{"processes": count, **about} for count in self.counts]
 
-    def solve(self, processes: int, levels: int) -> list[dict]:
+    def solve(self, processes: int, levels: int, order: int) -> list[dict]:
         """All meshes on some processes."""
         mine = ("OMPI_", "PMIX_")  # what an MPI of this process has left
         clean = {
@@ -212,6 +225,7 @@ class Processes(OverMeshes):
                 CHILD,
                 str(levels),
                 str(path),
+                str(order),
             ]
             run = subprocess.run(
                 [*LAUNCH, str(processes), *program], check=False, env=clean
@@ -235,7 +249,8 @@ class Processes(OverMeshes):
         """What the numbers mean."""
         cores = len(os.sched_getaffinity(0))
         return [
-            f"h/mu {SHARED_HARDENING:g}, tolerance {TOLERANCE:g}, PETSc(), nested from 281 nodes, "
+            f"h/mu {SHARED_HARDENING:g}, order {self.order}, tolerance {TOLERANCE:g}, PETSc(), "
+            "nested from 281 vertices, "
             f"{cores} cores. CPU, wall and MB are those from the coarsest mesh on and of the "
             "process with most; of one process: that CPU time over the one of a single process. "
             f"Waiting counts as CPU: beyond {cores} processes times mean nothing. Weak scaling: "
