@@ -37,7 +37,8 @@ from ngepc.model.kinematics import Kinematics
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team, nodal_processes_of
 
-CHUNK = 20_000  # elements whose matrices are held in memory at once
+CHUNK = 100_000
+"""Numbers in the rows of the elements that are held in memory at once: few enough for a cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +63,13 @@ class Elements:
     @property
     def parts(self) -> Iterator[Elements]:
         """The elements in chunks, as views."""
-        for first in range(0, len(self.nodes), CHUNK):
-            names = ("nodes", "points", "weights", "slopes")
-            yield replace(
-                self, **{n: getattr(self, n)[first : first + CHUNK] for n in names}
-            )
+        points, nodes = self.shapes.shape
+        kinds, N, _ = self.basis.shape
+        count = max(1, CHUNK // (points * (kinds + 1) * nodes * N))
+        names = ("nodes", "points", "weights", "slopes")
+        for first in range(0, len(self.nodes), count):
+            chosen = slice(first, first + count)
+            yield replace(self, **{name: getattr(self, name)[chosen] for name in names})
 
     @property
     def _shares(self) -> np.ndarray:
