@@ -6,7 +6,7 @@ It is made from the constants ``COVERS`` by which the methods refuse what they d
 from pathlib import Path
 
 from ngepc.bounds import coverage as bounds
-from ngepc.bounds import goal_bound, goals
+from ngepc.bounds import goal_bound, goals, receipt
 from ngepc.dual import blocks
 from ngepc.limit import reading
 from ngepc.local import indicators, solver
@@ -24,6 +24,7 @@ METHODS = {
     "gamma": blocks.COVERS,
     "bound": bounds.COVERS,
     "goal": goal_bound.COVERS,
+    "receipt": receipt.COVERS,
     "bracket": goals.COVERS,
     "limit load": reading.COVERS,
     "derivative": gradient.COVERS,
@@ -46,6 +47,7 @@ problem has.
   `follow_path`, `duality_report`
 - **bound**: `error_bound`, `solve_to`: what "guaranteed" is said for
 - **goal**: `goal_bound`, `solve_to(goal=...)`, `verdict`
+- **receipt**: `write_receipt`
 - **bracket**: `contact_force_bracket`, `displacement_bracket`, `evolve(error=...)`
 - **limit load**: `limit_load`, with obstacles that touch
 - **derivative**: `gradient`, `tangent`, `calibrate`: what "differentiable" is said for

@@ -19,6 +19,7 @@ from ngepc.bounds.goal_terms import MeanDisplacement as MeanDisplacement
 from ngepc.bounds.goals import Between as Between
 from ngepc.bounds.goals import contact_force_bracket as contact_force_bracket
 from ngepc.bounds.goals import displacement_bracket as displacement_bracket
+from ngepc.bounds.receipt import write_receipt as write_receipt
 from ngepc.bounds.verdicts import Verdict as Verdict
 from ngepc.bounds.verdicts import confidence as confidence
 from ngepc.bounds.verdicts import verdict as verdict

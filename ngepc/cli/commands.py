@@ -119,6 +119,7 @@ OPTIONS = {
         "save the path after each gamma; the same command resumes from it",
     ),
     "run_file": (location, "a file written by ngepc solve --save"),
+    "receipt": (location, "a file written by ngepc.write_receipt"),
     "--out FILE": (location, "the HTML file; default: next to the run"),
     "folder": (location, "target folder, created if necessary"),
     "--solutions": (None, "also copy the solutions of the exercises"),
@@ -156,6 +157,7 @@ ngepc solve lshape --error 1e-2                  refine until the error is at mo
 ngepc solve lshape --goal contact_force          refine until the force is known to 1 percent
 ngepc solve lshape --save run.npz                save the run, for a report or as a start
 ngepc limit cut --width 0.005 --figures out      bounds of the load at which a cut collapses
+ngepc check receipt.npz                          check the proof that the file contains
 ngepc report run.npz                             an HTML report with an interactive view
 ngepc path wrench --nodes 1641                        as in Table 3
 ngepc path lshape --gamma-end 1e6 --checkpoint p.npz  after Ctrl-C the same command resumes
@@ -188,6 +190,8 @@ COMMANDS = {
     "path": Command("follow the path in gamma on one mesh", (*BODY, "--checkpoint FILE", *PATH)),
         "study": Command("make a table or figure of the paper, or another measurement", ()),
     "report": Command("write an HTML report about a saved run", ("run_file", "--out FILE")),
+    "check": Command("check the proof of an energy interval in a receipt",
+                     ("receipt",), "check_file"),
     "limit": Command("guaranteed lower and upper bounds of a limit load",
                      ("body", "--width X", "--max-cells N", "--json FILE", "--figures DIR")),
     "lab": Command("a live laboratory in the browser: drag loads, gaps, yield stress",

@@ -15,6 +15,7 @@ import numpy as np
 from ngsolve import GridFunction
 
 import ngepc
+from ngepc.bounds import check_receipt
 from ngepc.bounds.adaptive import MeshRecord, solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
@@ -354,6 +355,13 @@ def report(args: argparse.Namespace) -> int:
     )
     name_written([page])
     return 0
+
+
+def check_file(args: argparse.Namespace) -> int:
+    """``ngepc check FILE``: check a receipt, as ``check_receipt.py`` does alone."""
+    if not args.receipt.is_file():
+        raise ValueError(f"{args.receipt}: no such file")
+    return check_receipt.check_files([str(args.receipt)])
 
 
 def notebooks(args: argparse.Namespace) -> int:

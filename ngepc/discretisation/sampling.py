@@ -44,21 +44,34 @@ FOLLOWED = 1e-4
 """Part of the largest value that a cubic function may miss on an element that rules integrate."""
 POLYNOMIALS = re.compile(
     r"coordinate [xyz]|unary operation ' '|binary operation '[-+*]'|none|ZeroCF|normal vector"
-    r"|scale \S+|innerproduct|-?[0-9.e+-]+|N5ngfem\w*Vectorial|VectorialCoefficientFunction"
+    r"|scale \S+|scalar-vector multiply|innerproduct|-?[0-9.e+-]+|N5ngfem\w*Vectorial"
+    r"|VectorialCoefficientFunction"
     r"|.*DomainWiseCoefficientFunction|.*GridFunction|.*ParameterCoefficientFunction"
-    r"|.*ComponentCoefficientFunction|.*Reshape|.*UnitVector|ConstantCF"
+    r"|.*ComponentCoefficientFunction|.*[Rr]eshape|.*UnitVector|ConstantCF"
 )
+
+OUTWARD = re.compile(
+    r"coef \w+IfPosCoefficientFunctionE, real\s+coef innerproduct[^\n]*"
+    r"\s+coef normal vector[^\n]*\s+coef \w+BoundaryFromVolumeCoefficientFunctionE[^\n]*"
+    r"\s+coef unary operation ' ', real\s+coef -1, real"
+    r"\s+coef unary operation ' ', real\s+coef 1, real"
+)
+"""The sign in ``outward_normal``: one number on each straight boundary element."""
 
 
 def is_polynomial(value: Coefficient | None) -> bool:
     """Whether a coefficient is known to be a polynomial on each element.
 
-    Numbers, functions of finite element spaces, sums and products of these and of coordinates are.
-    NGSolve's text of an expression decides: what it does not name is taken for something else.
+    Numbers, functions of finite element spaces, sums and products of these, of coordinates and of
+    the outward normal are.  NGSolve's text of an expression decides: what it does not name is taken
+    for something else.
     """
     if value is None or is_number(value) or not isinstance(value, CoefficientFunction):
         return True
-    words = re.findall(r"coef ([^\n]*?)(?:, real[^\n]*)?(?:\n|$)", str(value))
+    text = OUTWARD.sub("coef 1, real", str(value))
+    if text.strip() == "ZeroCoefficientFunction":
+        return True
+    words = re.findall(r"coef ([^\n]*?)(?:, real[^\n]*)?(?:\n|$)", text)
     named = [re.split(r", (?:real|fix size|dim)", word)[0].strip() for word in words]
     return bool(named) and all(POLYNOMIALS.match(word) for word in named)
 

@@ -225,6 +225,11 @@ USES = {
     "solve_to": Use(solve_to, {"problem": FREE, "relative_error": 0.5}),
     "goal_bound": Use(ngepc.goal_bound, {"result": SOLVED, "goal": "contact_force"}),
     "confidence": Use(ngepc.confidence, {"result": SOLVED}),
+    "write_receipt": Use(
+        ngepc.write_receipt,
+        {"result": SOLVED, "path": "receipt.npz"},
+        {"path": NOTHING},
+    ),
     "verdict": Use(
         ngepc.verdict, {"problem": FREE, "goal": WORK, "at_most": 1.0}, VERDICT
     ),

@@ -2,8 +2,8 @@
 
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
 --rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
-or ``hidden --count 400``, or ``equilibria``, or
-``cones``, or ``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers.
+or ``hidden --count 400``, or ``equilibria``, or ``cones``, or ``receipts --count 10``, or
+``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers.
 """
 
 import argparse
@@ -18,6 +18,7 @@ from campaigns.foreign import Foreign
 from campaigns.fuzz import Fuzz
 from campaigns.hidden import Hidden
 from campaigns.limits import Limits
+from campaigns.receipts import Receipts
 from campaigns.robustness import Robustness
 from ngsolve import SetNumThreads
 
@@ -75,6 +76,11 @@ def arguments():
     limits.set_defaults(kind=Limits, options=("count", "seed"))
     limits.add_argument("--count", type=int, default=Limits.count)
     limits.add_argument("--seed", type=int, default=Limits.seed)
+    files_of_claims = campaigns.add_parser("receipts", help="receipts, changed")
+    files_of_claims.set_defaults(kind=Receipts, options=("count", "each", "seed"))
+    files_of_claims.add_argument("--count", type=int, default=Receipts.count)
+    files_of_claims.add_argument("--each", type=int, default=Receipts.each)
+    files_of_claims.add_argument("--seed", type=int, default=Receipts.seed)
     files = campaigns.add_parser("foreign", help="files that others have written")
     files.set_defaults(kind=Foreign, options=("beds", "nodes"))
     files.add_argument("--beds", type=Path, default=Foreign.beds)

@@ -1,0 +1,212 @@
+"""Receipts: files that prove an interval of the energy to somebody who has numpy only."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns.receipts import Judge, falsifies, opened, passes, tampered
+from ngsolve import IfPos, x, y
+
+from ngepc import (
+    Material,
+    Problem,
+    error_bound,
+    evolve,
+    semismooth_newton,
+    write_receipt,
+)
+from ngepc.bounds import check_receipt
+from ngepc.geometries import block
+from ngepc.studies.examples import example
+
+MATERIAL = Material.kinematic(
+    lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
+)
+COMBINED = Material(
+    lame_lambda=1.5e3,
+    lame_mu=1e3,
+    yield_stress=5.0,
+    hardening=50.0,
+    hardening_modulus=2.0,
+    hardening_stiffness=1.0,
+)
+CHECKER = Path(check_receipt.__file__)
+ROUNDED = 1e-9
+"""Part of the bound that rounding may add."""
+
+
+def plate(**data):
+    """A rectangle in plane strain."""
+    return Problem(block.mesh(0.25, (1.0, 0.7)), MATERIAL, **data)
+
+
+PULLED = {"traction": {"contact": (0.5, -8.0 - x)}, "body_force": (0.0, -2.0)}
+PRESSED = {"contact": "contact", "gap": -0.002 - 0.002 * x, "body_force": (1.0, -2.0)}
+ROLLING = {
+    "clamped": None,
+    "prescribed": {"left": (0.0, None), "clamped": (None, 0.0)},
+    "traction": {"right": (6.0 + y, 1.0)},
+}
+MOVED = {
+    "clamped": None,
+    "prescribed": {"left": (0.001 * y, 0.0), "right": (0.002, None)},
+}
+CUBE = Problem(
+    block.structured_mesh(3, 3, 3, simplices=True),
+    MATERIAL,
+    traction={"contact": (0.0, 1.0, -7.0)},
+    order=1,
+)
+CASES = {
+    "lshape": lambda order: replace(example("lshape", 225), order=order),
+    "wrench": lambda order: replace(example("wrench", 245), order=order),
+    "pulled": lambda order: plate(order=order, **PULLED),
+    "pressed": lambda order: plate(order=order, **PRESSED),
+    "rolling": lambda order: plate(order=order, **ROLLING),
+    "moved": lambda order: plate(order=order, **MOVED),
+    "combined": lambda order: replace(plate(order=order, **PULLED), material=COMBINED),
+}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("name", list(CASES))
+def test_a_receipt_shows_what_the_bound_says(name, order, tmp_path):
+    """The checker knows no element and no tangent, and comes to the same interval."""
+    result = semismooth_newton(CASES[name](order))
+    bound = error_bound(result)
+    lower, upper = write_receipt(result, tmp_path / "receipt.npz")
+    header = check_receipt.check(tmp_path / "receipt.npz")
+    assert (header["lower"], header["upper"]) == (lower, upper)
+    assert upper - lower == pytest.approx(bound.total, rel=0.15 if order == 2 else 0.05)
+    assert upper >= bound.energy - 0.05 * bound.total
+    assert lower <= bound.least_energy + 0.05 * bound.total
+
+
+def test_a_receipt_in_space(tmp_path):
+    result = semismooth_newton(CUBE)
+    bound = error_bound(result)
+    lower, upper = write_receipt(result, tmp_path / "receipt.npz")
+    assert upper - lower == pytest.approx(bound.total, rel=0.05)
+    assert passes(*opened(tmp_path / "receipt.npz"))
+
+
+def test_a_receipt_of_a_step_with_a_history(tmp_path):
+    steps = [(1.0, {}), (2.0, {"gap": 1.0})]
+    problem = plate(contact="contact", gap=-0.01, order=1)
+    last = evolve(problem, steps).steps[-1].problem
+    lower, upper = write_receipt(semismooth_newton(last), tmp_path / "receipt.npz")
+    assert lower < upper
+    arrays, header = opened(tmp_path / "receipt.npz")
+    assert np.abs(arrays["initial"]).max() > 0
+    assert not falsifies(arrays, header)
+
+
+def test_an_unfinished_iteration_has_a_wider_receipt(tmp_path):
+    """A receipt is about the problem, not about a solver."""
+
+    def stop(record):
+        if record.iteration == 2:
+            raise StopIteration
+
+    problem = replace(example("lshape", 225), order=1)
+    unfinished = semismooth_newton(problem, monitor=stop)
+    wide = np.diff(write_receipt(unfinished, tmp_path / "unfinished.npz"))
+    done = semismooth_newton(problem)
+    narrow = np.diff(write_receipt(done, tmp_path / "done.npz"))
+    assert narrow < wide
+
+
+@pytest.mark.parametrize(("name", "order"), [("pressed", 1), ("pressed", 2)])
+def test_no_change_that_falsifies_a_claim_passes(name, order, tmp_path):
+    """``python -m campaigns receipts`` has 500 of them."""
+    path = tmp_path / "receipt.npz"
+    write_receipt(semismooth_newton(CASES[name](order)), path)
+    assert not falsifies(*opened(path))
+    found = tampered(path, np.random.default_rng(order), 25)
+    wrong = [row for row in found if row[1]]
+    assert len(wrong) == 25
+    assert [what for what, _, passed in wrong if passed] == []
+
+
+def test_the_judge_has_the_energies_by_other_means(tmp_path):
+    """They are inside the interval of the checker, and near its ends."""
+    path = tmp_path / "receipt.npz"
+    write_receipt(semismooth_newton(CASES["pulled"](1)), path)
+    arrays, header = opened(path)
+    judge = Judge(arrays, header)
+    assert not judge.falsified
+    upper, lower = judge.energies()
+    width = header["upper"] - header["lower"]
+    assert upper == pytest.approx(header["upper"], abs=1e-6 * width)
+    assert lower == pytest.approx(header["lower"], abs=0.02 * width)
+
+
+def test_claims_that_are_too_good_do_not_pass(tmp_path):
+    path = tmp_path / "receipt.npz"
+    write_receipt(semismooth_newton(CASES["pulled"](1)), path)
+    arrays, header = opened(path)
+    width = header["upper"] - header["lower"]
+    assert not passes(arrays, header | {"upper": header["upper"] - 1e-4 * width})
+    assert not passes(arrays, header | {"lower": header["lower"] + 1e-4 * width})
+    assert not passes(arrays, header | {"upper": float("nan")})
+    assert passes(arrays, header | {"upper": header["upper"] + width})
+
+
+def test_the_checker_needs_numpy_alone(tmp_path):
+    """A copy of the file in an empty folder, Python without site packages but numpy's."""
+    path = tmp_path / "receipt.npz"
+    write_receipt(semismooth_newton(CASES["pulled"](1)), path)
+    alone = tmp_path / "check_receipt.py"
+    alone.write_text(CHECKER.read_text())
+    code = (
+        "import sys; sys.modules['ngepc'] = sys.modules['ngsolve'] = None; "
+        "sys.modules['scipy'] = None; import check_receipt; "
+        f"sys.exit(check_receipt.check_files([{str(path)!r}]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0
+    assert "PASS" in done.stdout
+
+
+def test_the_checker_is_short():
+    """Lines of code, without comments, docstrings and blank lines."""
+    text = CHECKER.read_text()
+    parts = text.split('"""')
+    lines = [line for part in parts[::2] for line in part.splitlines()]
+    code = [line for line in lines if line.strip() and line.strip()[0] != "#"]
+    assert len(code) <= 300
+
+
+def test_a_damaged_file_fails(tmp_path):
+    path = tmp_path / "receipt.npz"
+    path.write_bytes(b"no receipt")
+    assert check_receipt.check_files([str(path)]) == 1
+    np.savez(path, header=json.dumps({"format": "another"}))
+    assert check_receipt.check_files([str(path)]) == 1
+
+
+@pytest.mark.parametrize(
+    ("data", "named"),
+    [
+        ({"contact": "contact", "gap": 0.001, "friction": 0.1}, "friction"),
+        ({"body_force": (0.0, IfPos(x - 0.5, -1.0, 0.0))}, "body_force"),
+        ({"body_force": (0.0, -x * y)}, "body_force"),
+        ({"contact": "contact", "gap": -0.01 * x * x, "order": 1}, "gap"),
+        ({"kinematics": "plane stress", "order": 1}, "plane stress"),
+    ],
+)
+def test_what_has_no_receipt_is_refused_by_name(data, named, tmp_path):
+    with pytest.raises(ValueError, match=named):
+        write_receipt(semismooth_newton(plate(**data)), tmp_path / "receipt.npz")
+
+
+def test_a_receipt_ends_in_npz(tmp_path):
+    result = semismooth_newton(CASES["pulled"](1))
+    with pytest.raises(ValueError, match="npz"):
+        write_receipt(result, tmp_path / "receipt.txt")

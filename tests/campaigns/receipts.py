@@ -1,0 +1,415 @@
+"""Receipts of random problems, changed in one number: none that claims too much may pass.
+
+A judge that knows nothing of the checker says whether a change falsifies a claim: it looks at
+supports, gap, signs, symmetry and equilibrium, and has both energies by a rule of degree 20 in
+place of bounds.
+"""
+
+import json
+import math
+import tempfile
+import time
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from campaigns.crossings import problem_of, random_draws
+from ngsolve import ET, IntegrationRule
+
+from ngepc import error_bound, semismooth_newton, write_receipt
+from ngepc.bounds import check_receipt
+from ngepc.studies.work import Work
+
+KINDS = ("order 1", "order 2", "solid")
+CHANGES = ("a little", "much", "sign", "zero", "swapped", "claim")
+NAMES = ("points", "cells", "u", "stress", "lame_lambda", "mu", "hardening", "beta",
+         "initial", "back", "body_force", "boundary", "held", "prescribed", "traction",
+         "contact", "gap", "pressure")  # fmt: skip
+WRONG = 1e-7
+"""Part of the largest stress, displacement or interval that the judge calls wrong."""
+MOST = 400
+"""No more changes of one receipt are tried."""
+HEAD = ("group", "receipts", "changes that falsify", "of these pass", "harmless changes",
+        "of these pass ", "check / solve", "check / solve and bound")  # fmt: skip
+
+
+def bernstein(shares, k):
+    """Bernstein's polynomials at barycentric points, (q, k)."""
+    count = shares.shape[1]
+    if k == 1:
+        return np.ones((len(shares), 1))
+    if k == count:
+        return shares
+    pairs = [(1, 2), (0, 2), (0, 1)] if count == 3 else [(0, 1)]
+    mixed = [2 * shares[:, i] * shares[:, j] for i, j in pairs]
+    return np.column_stack([shares**2, *mixed])
+
+
+def rule(N, degree=20):
+    """Barycentric points and weights that add up to one."""
+    shape = {1: ET.SEGM, 2: ET.TRIG, 3: ET.TET}[N]
+    found = IntegrationRule(shape, degree if N < 3 else 8)
+    points = np.array(found.points)[:, :N]
+    weights = np.array(found.weights)
+    points = np.column_stack([1 - points.sum(axis=1), points])
+    return points, weights / weights.sum()
+
+
+class Judge:
+    """The claims of a receipt, looked at without bounds."""
+
+    def __init__(self, arrays, header):
+        self.a = arrays
+        self.header = header
+        self.N = arrays["points"].shape[1]
+        self.n = arrays["stress"].shape[-1]
+        corners = arrays["cells"][:, : self.N + 1]
+        x = arrays["points"][corners]
+        J = (x[:, 1:] - x[:, :1]).swapaxes(1, 2)
+        self.volume = np.abs(np.linalg.det(J)) / math.factorial(self.N)
+        inverse = np.linalg.inv(J)
+        self.slopes = np.concatenate(
+            [-inverse.sum(axis=1, keepdims=True), inverse], axis=1
+        )
+
+    @property
+    def falsified(self):
+        """Whether the file claims more than it shows."""
+        return self._inadmissible() or self._energies_are_wrong()
+
+    def _sides(self):
+        """Outer sides -> (cell, opposite vertex), ascending vertices."""
+        seen = {}
+        for number, row in enumerate(self.a["cells"][:, : self.N + 1].tolist()):
+            for k in range(self.N + 1):
+                key = tuple(sorted(row[:k] + row[k + 1 :]))
+                seen.setdefault(key, []).append((number, k))
+        return seen
+
+    def _inadmissible(self):
+        a = self.a
+        if any(not np.isfinite(v).all() for v in a.values()):
+            return True
+        if min(self.volume.min(), a["mu"].min(), a["beta"].min()) <= 0:
+            return True
+        if a["hardening"].min() <= 0:
+            return True
+        sides = self._sides()
+        rows = [tuple(row) for row in a["boundary"].tolist()]
+        outer = {key for key, found in sides.items() if len(found) == 1}
+        if set(rows) != outer or len(set(rows)) != len(rows):
+            return True
+        S = (a["stress"] + a["stress"].swapaxes(2, 3))[..., : self.N, : self.N] / 2
+        return self._out_of_balance(S, sides, rows) or self._not_supported(sides, rows)
+
+    def _tractions(self, S, cell, k, key):
+        """S n times the size of a side at its coefficients, by ascending vertices."""
+        corners = self.a["cells"][cell, : self.N + 1].tolist()
+        places = [corners.index(v) for v in key]
+        if S.shape[1] > self.N + 1:
+            places.append(self.N + 1 + k)
+        area = -self.N * self.volume[cell] * self.slopes[cell, k]
+        return S[cell, places] @ area, area
+
+    def _out_of_balance(self, S, sides, rows):
+        a = self.a
+        large = WRONG * np.abs(S).max()
+        table = np.arange(self.N + 1)[None]
+        degree = 1
+        if S.shape[1] > self.N + 1:
+            table = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+            degree = 2
+        div = degree * np.einsum("kviab,kib->kva", S[:, table], self.slopes)
+        size = self.volume ** (1 / self.N)
+        rest = np.abs(div + a["body_force"][:, None]).max(axis=(1, 2))
+        if (rest * size).max() > large:
+            return True
+        for key, found in sides.items():
+            if len(found) == 2:
+                first, area = self._tractions(S, *found[0], key)
+                second, _ = self._tractions(S, *found[1], key)
+                if np.abs(first + second).max() > large * np.linalg.norm(area):
+                    return True
+        self.reaction = np.zeros_like(a["traction"])
+        for row, key in enumerate(rows):
+            T, area = self._tractions(S, *sides[key][0], key)
+            size = np.linalg.norm(area)
+            load = a["traction"][row] * size - np.outer(a["pressure"][row], area)
+            held = a["held"][row] != 0
+            if np.abs(T - load)[:, ~held].max(initial=0.0) > large * size:
+                return True
+            self.reaction[row] = np.where(held, T - load, 0.0)
+        return False
+
+    def _not_supported(self, sides, rows):
+        a = self.a
+        large = WRONG * np.abs(a["u"]).max()
+        self.moved = np.zeros_like(a["traction"])
+        self.measure = np.zeros(len(rows))
+        if (a["pressure"] < 0).any() or a["pressure"][a["contact"] == 0].any():
+            return True
+        shares = rule(self.N - 1)[0]
+        for row, key in enumerate(rows):
+            cell, k = sides[key][0]
+            nodes = list(key)
+            if a["cells"].shape[1] > self.N + 1:
+                nodes.append(int(a["cells"][cell, self.N + 1 + k]))
+            u = self.moved[row] = a["u"][nodes]
+            area = -self.N * self.volume[cell] * self.slopes[cell, k]
+            self.measure[row] = np.linalg.norm(area)
+            held = a["held"][row] != 0
+            if np.abs(u - a["prescribed"][row])[:, held].max(initial=0.0) > large:
+                return True
+            room = a["gap"][row] - u @ area / self.measure[row]
+            least = (bernstein(shares, len(room)) @ room).min()
+            if a["contact"][row] and min(least, *room[: self.N]) < -large:
+                return True
+        return False
+
+    def _energies_are_wrong(self):
+        width = self.header["upper"] - self.header["lower"]
+        upper, lower = self.energies()
+        return not (
+            upper <= self.header["upper"] + 1e-3 * width
+            and self.header["lower"] - 1e-3 * width <= lower
+        )
+
+    def energies(self):
+        """J(u) and the dual energy of the stress, by rules."""
+        a = self.a
+        N = self.N
+        n = self.n
+        shares, weights = rule(N)
+        local = a["u"][a["cells"]]
+        du = np.einsum("kia,kib->kab", local[:, : N + 1], self.slopes)[:, None]
+        if local.shape[1] > N + 1:
+            table = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+            du = 2 * np.einsum("kvia,kib->kvab", local[:, table], self.slopes)
+        eps = np.zeros((*du.shape[:2], n, n))
+        eps[..., :N, :N] = (du + du.swapaxes(2, 3)) / 2
+        eps = np.einsum("qi,kiab->kqab", bernstein(shares, eps.shape[1]), eps)
+        S = np.einsum(
+            "qi,kiab->kqab", bernstein(shares, a["stress"].shape[1]), a["stress"]
+        )
+        S = (S + S.swapaxes(2, 3)) / 2
+        mu, h, beta = (a[k][:, None] for k in ("mu", "hardening", "beta"))
+        B = a["lame_lambda"][:, None] + 2 * mu / n
+
+        def deviator(T):
+            m = np.trace(T, axis1=2, axis2=3) / n
+            return m, T - m[..., None, None] * np.eye(n)
+
+        def square(T):
+            return (T**2).sum(axis=(2, 3))
+
+        m, e = deviator(eps)
+        p_0 = deviator((a["initial"] + a["initial"].swapaxes(2, 3)) / 2)[1]
+        back = deviator((a["back"] + a["back"].swapaxes(2, 3)) / 2)[1]
+        e = e - p_0
+        s = 2 * mu[..., None, None] * e - back
+        over = np.maximum(np.sqrt(square(s)) - beta, 0.0)
+        phi = B * (n * m) ** 2 / 2 + mu * (square(e) - square(p_0))
+        phi -= over**2 / (2 * (2 * mu + h))
+        p, d = deviator(S)
+        over = np.maximum(np.sqrt(square(d - back)) - beta, 0.0)
+        dual = p**2 / (2 * B) + square(d + 2 * mu[..., None, None] * p_0) / (4 * mu)
+        dual += over**2 / (2 * h)
+        u = np.einsum("qi,kia->kqa", bernstein(shares, local.shape[1]), local)
+        phi -= np.einsum("kqa,ka->kq", u, a["body_force"])
+        upper = self.volume @ (phi @ weights)
+        lower = -self.volume @ (dual @ weights)
+        shares, weights = rule(N - 1)
+        at = bernstein(shares, a["traction"].shape[1])
+        u, g, U, t = (
+            at @ v for v in (self.moved, a["traction"], a["prescribed"], self.reaction)
+        )
+        upper -= self.measure @ ((u * g).sum(axis=2) @ weights)
+        lower += ((t * U).sum(axis=2) @ weights).sum()
+        pressed = (a["pressure"] @ at.T) * (a["gap"] @ at.T)
+        return float(upper), float(lower - self.measure @ (pressed @ weights))
+
+
+def falsifies(arrays, header):
+    """Whether a receipt claims more than it shows; a mesh that is none shows nothing."""
+    try:
+        return Judge(arrays, header).falsified
+    except (np.linalg.LinAlgError, IndexError, ZeroDivisionError):
+        return True
+
+
+def changed(arrays, header, random):
+    """A copy of a receipt with one number changed, and what was done."""
+    arrays = {name: values.copy() for name, values in arrays.items()}
+    header = dict(header)
+    what = str(random.choice(CHANGES))
+    if what == "claim":
+        name = str(random.choice(["lower", "upper"]))
+        width = header["upper"] - header["lower"]
+        header[name] += float(random.normal()) * width * 10 ** random.uniform(-2, 2)
+        return arrays, header, f"claim {name}"
+    name = str(random.choice(NAMES))
+    values = arrays[name]
+    place = tuple(int(random.integers(size)) for size in values.shape)
+    scale = float(np.abs(values).max()) or 1.0
+    old = values[place]
+    if values.dtype.kind in "biu":
+        values[place] = (
+            random.choice(values.ravel()) if old.dtype.kind != "b" else not old
+        )
+        return arrays, header, f"{name} swapped"
+    part = (
+        10 ** random.uniform(-6, -3)
+        if what == "a little"
+        else 10 ** random.uniform(-2, 2)
+    )
+    values[place] = {
+        "sign": -old,
+        "zero": 0.0,
+        "swapped": values.ravel()[random.integers(values.size)],
+    }.get(what, old + part * scale * random.choice([-1, 1]))
+    return arrays, header, f"{name} {what}"
+
+
+def passes(arrays, header):
+    """Whether the checker accepts it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "changed.npz"
+        np.savez(path, header=json.dumps(header), **arrays)
+        try:
+            check_receipt.check(str(path))
+        except Exception:
+            return False
+        return True
+
+
+def opened(path):
+    """Arrays and header of a receipt."""
+    with np.load(path) as file:
+        arrays = dict(file)
+    return arrays, json.loads(str(arrays.pop("header")))
+
+
+def tampered(path, random, wanted):
+    """Changes of a receipt until so many falsify a claim: (what, falsifies, passes)."""
+    arrays, header = opened(path)
+    found = []
+    for _ in range(MOST):
+        if sum(wrong for _, wrong, _ in found) >= wanted:
+            break
+        other, claims, what = changed(arrays, header, random)
+        same = claims == header
+        if same and all(np.array_equal(other[k], arrays[k]) for k in arrays):
+            continue
+        found.append((what, falsifies(other, claims), passes(other, claims)))
+    return found
+
+
+@dataclass(eq=False)
+class Receipts(Work):
+    """The campaign: ``count`` receipts, each changed until ``each`` changes falsify a claim.
+
+    Parameters
+    ----------
+    count, each, seed
+        How many receipts of each kind, changes, and the seed of their sequence.
+    """
+
+    count: int = 10
+    each: int = 20
+    seed: int = 1
+
+    name, title = "receipts", "Receipts that are changed in one number"
+    columns = " | ".join(
+        [" = {group}", *(f"{head.strip()} = {{{head}}}" for head in HEAD[1:])]
+    )
+
+    def cells(self):
+        """The receipts by kind and number."""
+        numbers = range(1, self.count + 1)
+        return [
+            {"seed": self.seed, "kind": kind, "number": number, "each": self.each}
+            for kind in KINDS
+            for number in numbers
+        ]
+
+    def solve(self, seed, kind, number, each):
+        """The verdicts on the changes of one receipt."""
+        draw = next(islice(random_draws(seed, kind), number - 1, None))
+        start = time.process_time()
+        result = semismooth_newton(problem_of(draw, kind))
+        solved = time.process_time() - start
+        error_bound(result)
+        bounded = time.process_time() - start
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "receipt.npz"
+            try:
+                write_receipt(result, path)
+            except (ValueError, RuntimeError) as error:
+                return {"refused": str(error)}
+            start = time.process_time()
+            check_receipt.check(str(path))
+            checked = time.process_time() - start
+            wrong = falsifies(*opened(path))
+            complaint = "the judge refuses the receipt" if wrong else ""
+            random = np.random.default_rng([seed, number])
+            found = tampered(path, random, each)
+        wrong = [row for row in found if row[1]]
+        harmless = [row for row in found if not row[1]]
+        return {
+            "refused": "",
+            "complaint": complaint,
+            "wrong": len(wrong),
+            "passed": [what for what, _, passed in wrong if passed],
+            "harmless": len(harmless),
+            "harmless_passed": sum(passed for _, _, passed in harmless),
+            "of_solve": checked / solved,
+            "of_both": checked / bounded,
+        }
+
+    def line(self, record):
+        """One line about a receipt."""
+        if record["refused"]:
+            return f"{record['kind']} {record['number']}: refused, {record['refused']}"
+        return (
+            f"{record['kind']} {record['number']}: {record['wrong']} changes, "
+            f"{len(record['passed'])} pass {record['passed']} {record['complaint']}"
+        )
+
+    def told(self, records):
+        """A row for each kind."""
+        rows = []
+        for kind in KINDS:
+            group = [r for r in records if r["kind"] == kind and not r["refused"]]
+            if not group:
+                continue
+            values = [
+                kind,
+                len(group),
+                sum(r["wrong"] for r in group),
+                sum(len(r["passed"]) for r in group),
+                sum(r["harmless"] for r in group),
+                sum(r["harmless_passed"] for r in group),
+                f"{np.median([r['of_solve'] for r in group]):.2f}",
+                f"{np.median([r['of_both'] for r in group]):.2f}",
+            ]
+            rows.append(dict(zip(HEAD, values, strict=True)))
+        return rows
+
+    def notes(self, records):
+        """What was drawn, what was refused, and the complaints."""
+        refused = [r for r in records if r["refused"]]
+        lines = [
+            "Random problems of `tests/campaigns/random_problems.py`; one number of mesh, data, "
+            "displacement, stress, pressure or claim is changed. A judge without bounds says "
+            "whether that falsifies a claim; harmless changes, such as a yield stress where "
+            "nothing yields, leave the claims true. CPU times are medians.",
+            f"{len(refused)} problems have no receipt.",
+        ]
+        lines += [f"- {r['kind']} {r['number']}: {r['refused']}" for r in refused]
+        lines += [
+            f"- {r['kind']} {r['number']}: {r['passed']} {r['complaint']}"
+            for r in records
+            if not r["refused"] and (r["passed"] or r["complaint"])
+        ]
+        return lines
