@@ -182,7 +182,7 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
 
 
 def corner_rules(dim: int) -> dict[ET, IntegrationRule]:
-    """The vertices of each shape in so many dimensions, as points of a rule without weights."""
+    """Element type -> a rule without weights whose points are the vertices."""
     rules = {}
     for shape in ELEMENT_TYPES[dim]:
         vertices = [tuple(v[:dim]) for v in ElementTopology(shape).vertices]
@@ -193,7 +193,7 @@ def corner_rules(dim: int) -> dict[ET, IntegrationRule]:
 def sample(
     value: Coefficient, mesh: Mesh, boundaries: Names = None, rules: dict | None = None
 ) -> np.ndarray:
-    """Values of a coefficient, shape (points, components); a number is its own single sample.
+    """Values of a coefficient at points, shape (points, components); a number gives one value.
 
     The points are those of ``rules`` in all elements (or boundary elements), by default inside.
     """
@@ -210,7 +210,7 @@ def sample(
 def require_covering(
     name: str, value: object, mesh: Mesh, boundaries: Names = None
 ) -> None:
-    """Accept functions of other meshes if those cover the body, or its boundaries.
+    """Accept functions of other meshes if those meshes cover the body, or its boundaries.
 
     NGSolve takes them to be zero outside their mesh.  The points are vertices, many inner points,
     and in the body those just outside the boundary of the other mesh.
@@ -263,7 +263,7 @@ def points_beyond(mesh: Mesh) -> np.ndarray:
 def require_field(
     name: str, value: object, mesh: Mesh, boundaries: Names = None, **how: object
 ) -> np.ndarray:
-    """The samples of a coefficient with one of ``shapes``, with ``corners`` at vertices too.
+    """Values of a coefficient with a legal shape, with ``corners`` at vertices too.
 
     ``how`` may have these and the range of ``require_in``; without ``shapes`` it is a scalar.
     """
@@ -294,7 +294,7 @@ def require_in(
     *,
     strict: bool = False,
 ) -> np.ndarray:
-    """Refuse samples, (points, components), that are not finite, < ``least`` or, ``strict``, =."""
+    """Refuse values (points, components) that are not finite or < ``least`` (<= if ``strict``)."""
     wrong = np.count_nonzero(~np.isfinite(samples).all(axis=1))
     if wrong:
         at = f"{wrong} of {len(samples)} sampled points of {where}"

@@ -1,7 +1,7 @@
-"""The parts of a coefficient: functions of meshes, parameters, and the same with other parts.
+"""Parts of a coefficient function: find functions of meshes and parameters, and replace them.
 
 NGSolve evaluates a function of another mesh wherever it is asked, with zero outside that mesh, and
-a ``Parameter`` has the value of the moment.
+a ``Parameter`` has its present value.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LEAVES = (GridFunction, Parameter)
 
 
 def children(node: CoefficientFunction) -> list[CoefficientFunction]:
-    """What a coefficient is made of at the first level; none for what cannot be looked into."""
+    """The direct operands of a coefficient; none where NGSolve does not give them."""
     if isinstance(node, LEAVES):
         return []
     try:
@@ -30,9 +30,9 @@ def children(node: CoefficientFunction) -> list[CoefficientFunction]:
 
 
 def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
-    """The parts without parts of their own, each once, if ``kind`` shows in the text of ``value``.
+    """The innermost operands, each once, if ``kind`` occurs in the text of ``value``.
 
-    The text of a coefficient names what it is made of, and is much cheaper than its parts.
+    The text of a coefficient names its operands and is much cheaper than the operands.
     """
     if not isinstance(value, CoefficientFunction) or not shows(value, kind):
         return
@@ -50,12 +50,12 @@ def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
 
 
 def shows(node: CoefficientFunction, kind: str) -> bool:
-    """Whether the text of a coefficient names a ``kind`` of part."""
+    """Whether the text of a coefficient names operands of a ``kind``."""
     return kind in str(node).lower()
 
 
 def sealed(leaf: CoefficientFunction, kind: str) -> bool:
-    """Whether a leaf has a ``kind`` of part inside that cannot be reached."""
+    """Whether an innermost operand hides a part of a ``kind`` that cannot be replaced."""
     return not isinstance(leaf, LEAVES) and shows(leaf, kind)
 
 
@@ -63,7 +63,7 @@ def rebuilt(
     value: CoefficientFunction,
     replace: Callable[[CoefficientFunction], CoefficientFunction],
 ) -> CoefficientFunction:
-    """The coefficient with ``replace(leaf)`` in place of each part without parts of its own."""
+    """The coefficient with ``replace(operand)`` in place of each innermost operand."""
     made: dict[int, tuple] = {}
 
     def again(node: CoefficientFunction) -> CoefficientFunction:
@@ -125,7 +125,8 @@ def _as_copy(leaf: CoefficientFunction) -> CoefficientFunction:
 def foreign_meshes(name: str, value: object, mesh: Mesh) -> list[Mesh]:
     """The other meshes that have functions in a coefficient on ``mesh``, each once.
 
-    ValueError if one has another dimension, or if a part that cannot be looked into has functions.
+    ValueError if one has another dimension, or if an operand that NGSolve does not open has
+    functions.
     """
     found = []
     for leaf in leaves_of(value, FUNCTION):

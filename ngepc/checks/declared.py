@@ -1,4 +1,4 @@
-"""Dataclasses that say in the hint of a field what is legal for it, and refuse all else by name."""
+"""Frozen dataclasses that validate their fields from their type hints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ngepc.checks.kinds import require_flag, require_text
 
 
 class Check(partial):
-    """A check with its range; called with a name and a value it gives the value to be kept."""
+    """A check with its range: called with a name and a value, it returns the value to store."""
 
     def __repr__(self) -> str:
         return f"{self.func.__name__}({', '.join(f'{k}={v}' for k, v in self.keywords.items())})"
@@ -38,7 +38,7 @@ NotNegativeDatum = Annotated[Coefficient, Check(require_datum, least=0)]
 
 
 def declared_check(hint: object) -> Check | None:
-    """The check in a hint, also in that of an argument that may be None."""
+    """The check in a type hint, also if the argument may be None."""
     parts = (hint, *(part for part in get_args(hint) if get_args(part)))
     return next(
         (a for part in parts for a in get_args(part) if isinstance(a, Check)), None
@@ -53,7 +53,7 @@ def declared_checks(kind: type) -> dict[str, Check]:
 
 
 class Declared:
-    """A frozen dataclass whose fields are checked, and kept as their checks return them.
+    """A frozen dataclass that checks its fields and stores what the checks return.
 
     A field with the default None may be None.
     """

@@ -1,4 +1,4 @@
-"""Checks of arguments that are no numbers: objects, functions, texts, names of files.
+"""Checks of arguments that are not numbers: objects, functions, texts, names of files.
 
 Each failure is a TypeError, or a ValueError where the kind is right, and names the argument, its
 value and what is needed.
@@ -19,7 +19,7 @@ T = TypeVar("T")
 def require_instance(
     name: str, value: T, kind: type | tuple[type, ...], needed: str
 ) -> T:
-    """``value``, an instance of ``kind``; ``needed`` says what that is."""
+    """``value``, an instance of ``kind``; ``needed`` describes it in the message."""
     if not isinstance(value, kind):
         raise TypeError(f"{name}={value!r}: {needed} is needed")
     return value
@@ -28,7 +28,7 @@ def require_instance(
 def require_attributes(
     name: str, value: object, attributes: Iterable[str], needed: str
 ) -> None:
-    """Accept any object, but no class, that has the ``attributes`` of a protocol."""
+    """Accept an object (not a class) that has the ``attributes`` of a protocol."""
     if isinstance(value, type) or not all(hasattr(value, a) for a in attributes):
         raise TypeError(f"{name}={value!r}: {needed} is needed")
 
@@ -46,7 +46,7 @@ def require_mesh(
 def require_function(
     name: str, value: object, of: str, *, optional: bool = False
 ) -> None:
-    """Accept a function ``of`` what is said, or None if it is ``optional``."""
+    """Accept a function whose argument ``of`` describes, or None if it is ``optional``."""
     wrong = not callable(value) or isinstance(value, CoefficientFunction)
     if wrong and not (optional and value is None):
         raise TypeError(f"{name}={value!r}: a function of {of} is needed")

@@ -1,8 +1,8 @@
-"""What lets problems, results and histories be pickled and copied: parts of NGSolve that are not.
+"""Pickling and copying of problems and results: support for what NGSolve cannot pickle.
 
 NGSolve pickles meshes, spaces and GridFunctions, but no coefficient with a normal vector in it, and
-no integration rule.  Importing this module tells ``copyreg``, and with it ``pickle`` and
-``copy.deepcopy``, how.
+no integration rule.  Importing this module registers both with ``copyreg``, for ``pickle`` and
+``copy.deepcopy``.
 """
 
 import copyreg
@@ -24,7 +24,7 @@ def _key(value: CoefficientFunction) -> tuple:
 
 
 def _geometric() -> dict[tuple, tuple[str, int | None]]:
-    """Text and shape of each of these coefficients -> its name and dimension."""
+    """(text, shape) of a coefficient in ``GEOMETRIC`` -> (name, dimension)."""
     known: dict[tuple, tuple[str, int | None]] = {}
     for name, make in GEOMETRIC.items():
         for N in (1, 2, 3):
@@ -42,9 +42,9 @@ KNOWN = _geometric()
 
 
 def reduced(value: CoefficientFunction) -> tuple:
-    """How a coefficient is made again: of its parts, or by its name.
+    """The reduction of a coefficient for pickle: its operands, or its name.
 
-    PicklingError for one that NGSolve's archive refuses and that is none of ``KNOWN``.
+    PicklingError for one that NGSolve's archive refuses and that is not in ``KNOWN``.
     """
     try:
         return CoefficientFunction, (value.data,)
@@ -59,7 +59,7 @@ def reduced(value: CoefficientFunction) -> tuple:
 
 
 def rule(value: IntegrationRule) -> tuple:
-    """How an integration rule is made again."""
+    """The reduction of an integration rule for pickle: its points and weights."""
     points = [tuple(point) for point in value.points]
     return IntegrationRule, (points, list(value.weights))
 

@@ -1,4 +1,4 @@
-"""From a problem to arrays: integration points, strains, the law, supports, contact rows, spaces.
+"""The discretised problem as arrays: points, strains, the law, supports, contact rows, spaces.
 
-Everything that more than one solver needs, and the one place of each formula.
+Everything that more than one solver needs; each formula is written once, here.
 """

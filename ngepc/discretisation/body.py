@@ -1,6 +1,6 @@
-"""What no Newton step changes, what is left of balance at an iterate, and what rounding leaves.
+"""The discretised body (supports, contact rows, loads), and the residual of an iterate.
 
-Some parts of a body are held by nothing but contact with other parts.  Rigid motions z of such a
+Some parts of a body are held by contact alone.  Rigid motions z of such a
 part cost no energy, so that J has a minimum only if forces of contact can balance the loads l on
 all of them: there are admissible forces x of the rows with
 
@@ -36,29 +36,31 @@ from ngepc.model.support import floating_motions, held_directions
 
 EPSILON = float(np.finfo(float).eps)
 
-TOUCHING = 1e-12  # part of the largest displacement that a gap has to exceed to be open
+TOUCHING = 1e-12  # a gap is open beyond this part of the largest displacement
 
-ROUNDING_SCALE = 4e-6  # part of |K| |u| that counts as a force in a body without forces
+ROUNDING_SCALE = (
+    4e-6  # part of |K| |u| that residuals are relative to, in a body without forces
+)
 
 SOFT = {False: 1e-4, True: 1e-3}
 """Stiffness of all springs of a floating part, about, relative to that of the part, by friction:
 with friction 1e-4 saves a Newton step of four, but 2 of 120 random problems failed."""
 
-SMALL = 1e-6  # part of the loads, or of a motion, that counts as none
+SMALL = 1e-6  # smaller parts of the loads or of a motion count as zero
 
 
 ROWS = ("contact", "gap", "friction")
-"""Fields of a problem that decide about its contact rows and their law."""
+"""Fields of a problem that determine its contact rows and their law."""
 
 
 class DiscreteBody:
     """Supports, contact rows and loads of a problem, which both exact methods inherit."""
 
-    stiffness: Stiffness  # what assembles its tangents
+    stiffness: Stiffness  # assembles the tangents
     stiffness_diagonal: np.ndarray  # of the elastic stiffness, shape (nodes, N)
 
     def __init__(self, problem: Problem, like: DiscreteBody | None = None) -> None:
-        """``like`` is an earlier body of the same mesh: what did not change is taken from it."""
+        """``like`` is an earlier body of the same mesh, from which unchanged data are taken."""
         self.problem = problem
         self.supports = supports_of(problem, like)
         self.contact = contact_of(problem, self.supports, like)
@@ -69,7 +71,7 @@ class DiscreteBody:
         )  # nodal forces, (nodes, N)
 
     def __getstate__(self) -> dict:
-        """All but what has matrices of NGSolve, for tangents: it is made again."""
+        """Everything except matrices of NGSolve, which are assembled again."""
         left_out = ("stiffness", "elastic")
         return {name: part for name, part in vars(self).items() if name not in left_out}
 
@@ -94,12 +96,12 @@ class DiscreteBody:
 
     @cached_property
     def floating(self) -> Floating:
-        """The parts that contact alone holds."""
+        """The parts that are held by contact alone."""
         return Floating(self)
 
     @cached_property
     def added(self) -> csr_matrix:
-        """What tangents have besides the stress: springs, also those that only steer the steps."""
+        """The springs in the tangent: those of the problem, and those that only stabilise steps."""
         weak = diags(self.floating.springs.ravel())
         parts = (
             self.supports.stiffness,
@@ -111,14 +113,14 @@ class DiscreteBody:
         ).tocsr()
 
     def starting_displacement(self, start: object | None) -> np.ndarray:
-        """Prescribed displacements, and inside those of ``start`` (``nodal_values``) or zero."""
+        """Prescribed displacements, and elsewhere those of ``start`` (``nodal_values``) or zero."""
         u = self.supports.values.copy()
         if start is not None:
             u = np.where(self.free, nodal_values(start, self.problem), u)
         return self.contact.on_rollers(u, self.free)
 
     def compliance(self) -> Compliance:
-        """A first guess of the compliance of all rows, which learns."""
+        """A first guess of the compliance of all rows; see ``Compliance.learn``."""
         stiffness = self.row_stiffness + self.contact.springs(self.row_stiffness)
         return Compliance(1 / stiffness, self.floating.compliance)
 
@@ -148,7 +150,7 @@ def contact_of(
 
 
 class Iterate:
-    """Forces and gaps of an iterate, a value; the iterates of both exact methods inherit it."""
+    """Forces, gaps and residual of an iterate; the iterates of both exact methods inherit it."""
 
     body: DiscreteBody
     u: np.ndarray  # nodal displacements, shape (nodes, N)
@@ -157,12 +159,12 @@ class Iterate:
     )  # forces of the rows: normal ones >= 0, with friction then tangential ones
     internal_forces: np.ndarray  # nodal forces of the stress, shape (nodes, N)
     energy: float  # J with the p that is best for u, and friction (force times length)
-    moduli: Any  # what ``DiscreteBody.stiffness`` assembles the tangent for
+    moduli: Any  # data for which ``DiscreteBody.stiffness`` assembles the tangent
     flowing: float  # the largest |p| where a law hardens no more
     plastic_measure: float  # area or volume of what yields in this step
 
     def with_radial_return(self) -> Iterate:
-        """The state whose tangent is that of the energy, by default this one."""
+        """The state whose tangent is the second derivative of the energy: by default this one."""
         return self
 
     def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
@@ -191,7 +193,7 @@ class Iterate:
 
     @cached_property
     def gaps(self) -> np.ndarray:
-        """What the contact conditions leave open, ``ContactConditions.gaps``."""
+        """The gaps and slips of the contact rows, ``ContactConditions.gaps``."""
         return self.body.contact.gaps(self.u)
 
     @property
@@ -206,7 +208,7 @@ class Iterate:
 
     @property
     def slip(self) -> np.ndarray:
-        """What the rows have slipped in this step (length), shape (m, N - 1)."""
+        """The slip of the rows in this step (length), shape (m, N - 1)."""
         return -self.body.contact.tangential(self.gaps)
 
     @property
@@ -218,12 +220,12 @@ class Iterate:
 
     @property
     def touching_distance(self) -> float:
-        """Gaps and penetrations below it are rounding (length)."""
+        """Smaller gaps and penetrations count as rounding (length)."""
         return TOUCHING * self._processes.maximum(np.abs(self.u))
 
     @property
     def penetration(self) -> float:
-        """The deepest penetration (length), or what opens where nothing may; 0 if feasible."""
+        """The deepest penetration, or opening of tied rows (length); 0 if feasible."""
         tied = self.body.contact.rows.tied
         depth = np.where(tied, np.abs(self.open_gap), -self.open_gap)
         return self._processes.maximum(np.maximum(depth, 0.0))
@@ -237,7 +239,7 @@ class Iterate:
 
     @property
     def _processes(self) -> Team:
-        """Those that share the body."""
+        """The processes that share the body."""
         return self.body.contact.processes
 
     @cached_property
@@ -256,13 +258,13 @@ class Iterate:
 
     @cached_property
     def trial_forces(self) -> float:
-        """Norm of forces of size |K| |u|, from which the true ones are what does not cancel."""
+        """Norm of forces of size |K| |u|; the internal forces are small differences of these."""
         size = np.linalg.norm(self.u, axis=1, keepdims=True)
         return self._processes.norm(self.body.stiffness_diagonal * size)
 
     @cached_property
     def contact_defect(self) -> float:
-        """Norm of what the forces of contact lack, min(lambda, k gap) without friction."""
+        """Norm of the defect of the contact forces, min(lambda, k gap) without friction."""
         return self.body.contact.defect(
             self.contact, self.body.row_stiffness * self.gaps
         )
@@ -275,12 +277,12 @@ class Iterate:
 
     @property
     def contact_residual_norm(self) -> float:
-        """The part of ``residual_norm`` that contact leaves."""
+        """The part of ``residual_norm`` that is due to contact."""
         return self._relative(self.contact_defect)
 
     @property
     def rounding(self) -> float:
-        """What rounding leaves of ``residual_norm``."""
+        """The rounding error of ``residual_norm``."""
         left = 4 * EPSILON * self.trial_forces
         return self._relative(left) if self.force_scale else 0.0
 
@@ -292,12 +294,12 @@ class Iterate:
 
 
 class Floating:
-    """The rigid motions of a body that are left to contact."""
+    """The rigid motions of a body that only contact can hold."""
 
     centres: list[np.ndarray]  # of the parts
     springs: np.ndarray
     """Weak springs of the tangent, shape (nodes, N), zero if no part floats: they resist the change
-    of a Newton step, not the displacement, and cost about a factor SOFT in convergence."""
+    of a Newton step, not the displacement, and the convergence factor is about SOFT."""
 
     def __init__(self, body: DiscreteBody) -> None:
         self._contact = body.contact
@@ -324,12 +326,12 @@ class Floating:
 
     @cached_property
     def unheld(self) -> str:
-        """Why contact cannot balance the loads, empty if it can.
+        """A message if contact cannot balance the loads; empty if it can.
 
-        It can if the least sum of |l(z) - x . R z| over the motions z is zero, all forces in units
-        of the loads.  Tangential forces may reach the corners of the box around the cone of
-        friction: what is said here is certain, that nothing is said does not prove that friction is
-        enough.
+        It can if the minimum over x of the sum of |l(z) - x . R z| over the motions z is zero, with
+        forces in units of the loads.  Tangential forces may reach the corners of the box around the
+        cone of friction: hence a message is certain, but no message does not prove that friction is
+        sufficient.
         """
         size = np.abs(self._load).sum()
         if not self.centres or size == 0:
@@ -362,7 +364,7 @@ class Floating:
         return said if missing > SMALL else ""
 
     def undetermined(self, forces: np.ndarray) -> int:
-        """How many motions the rows with contact forces leave free: those that press or stick."""
+        """Number of rigid motions that the rows which press or stick leave free."""
         if not self.centres:
             return 0
         normal = self._contact.normal(forces)

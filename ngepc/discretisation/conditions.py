@@ -2,7 +2,7 @@
 
 The forces x of the rows stand one after the other: the normal forces n of all rows, with friction
 then the tangential forces t.  R maps displacements to the normal displacements N u and, with
-friction, to the tangential ones; the gaps are what it leaves open, (gaps - N u, slip origin - T u).
+friction, to the tangential ones; the gaps are (gaps - N u, slip origin - T u).
 
 Supports along oblique directions are rows d . u = value with forces of either sign.  Every node has
 a row of its own, those of quadratic displacements between the vertices as well, so that a roller
@@ -81,7 +81,7 @@ class ContactConditions:
         self._transposed = self.matrix.T.tocsr()
 
     def _closed(self, problem: Problem, supports: Supports) -> np.ndarray:
-        """R u where the gaps are closed and nothing has slipped, shape (n,)."""
+        """R u at which the gaps are closed and the slips are zero, shape (n,)."""
         if not self.friction.d:
             return self.rows.gaps
         start = initial_displacements(problem, supports)
@@ -90,7 +90,7 @@ class ContactConditions:
     def from_displacement(
         self, problem: Problem, supports: Supports
     ) -> ContactConditions:
-        """The same conditions in a step that starts from another displacement."""
+        """The same conditions in a step that begins with another displacement."""
         other = copy(self)
         other._closed_at = other._closed(problem, supports)
         return other
@@ -118,7 +118,8 @@ class ContactConditions:
     def springs(self, row_stiffness: np.ndarray) -> np.ndarray:
         """Stiffness of springs of rollers in the tangent, 0 for other rows, shape (n,).
 
-        No step from a displacement ``on_rollers`` moves them: they only hold a body in the tangent.
+        Steps from a displacement ``on_rollers`` do not extend them: they only make the tangent
+        regular.
         """
         springs = np.zeros(len(self))
         springs[self.roller_part] = GRIP * row_stiffness[self.roller_part]
@@ -177,9 +178,10 @@ class ContactConditions:
         return self.friction.bound(self.normal(x))
 
     def stiffness(self, diagonal: np.ndarray) -> np.ndarray:
-        """Stiffness of the nodes of each row (force per length), one number for all its tangents.
+        """Stiffness of the nodes of each row (force per length), the same for all its tangents.
 
-        That of its normal if they are held; from the diagonal of the stiffness matrix (nodes, N).
+        The stiffness along its normal if they are held; from the diagonal of the stiffness matrix
+        (nodes, N).
         """
         each = self.matrix.power(2) @ diagonal.ravel()
         normal = self.normal(each)
@@ -188,18 +190,18 @@ class ContactConditions:
         return np.concatenate([normal, np.repeat(mean, self.friction.d)])
 
     def defect(self, x: np.ndarray, pushed: np.ndarray) -> float:
-        """Norm of x minus admissible forces closest to x - k gaps, any k > 0; zero if all hold."""
+        """Norm of x minus the projection of x - k gaps onto admissible forces, for any k > 0."""
         own = (x - self.friction.projected(x - pushed))[self.own]
         return float(np.sqrt(self.processes.total(float(own @ own))))
 
     def friction_work(self, x: np.ndarray, gaps: np.ndarray, rounding: float) -> float:
-        """The sum of b |slip| over the rows (force times length); less than rounding is no slip."""
+        """The sum of b |slip| over the rows (force times length), without slips below rounding."""
         size = np.linalg.norm(self.tangential(gaps), axis=1)
         return float(self.sum_of(self.bound(x) * np.where(size > rounding, size, 0.0)))
 
 
 def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone:
-    """The law of contact and friction row by row, without tangents where there is no friction."""
+    """The law of contact and friction row by row, without tangents if there is no friction."""
     law = problem.friction
     coefficient = np.zeros(len(rows))
     limit = None

@@ -1,4 +1,4 @@
-"""Contact in a Newton step: the forces that meet its conditions, and the work along the step."""
+"""Contact in a Newton step: forces that satisfy its conditions, and the work along the step."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ngepc.linalg.friction import STARTS
 from ngepc.linalg.secants import Compliance, solve_by_secants
 
 ROUNDING = 3e-14  # gaps of closed rows below this part of the displacements are zero
-BESIDE = 1e-3  # where the slope of friction is taken beside a kink, as a part of the step length
+BESIDE = 1e-3  # distance from a kink at which the slope of friction is taken, as a part of the step
 
 EXAMINED = 600
 FEW = 60
-"""Most forces of rows among which other equilibria are looked for, by factors or by iterations."""
+"""Largest number of forces in a search for other equilibria, with factors and with iterations."""
 
-SPRINGS = 1e4  # springs of rows over their stiffness, which turn a compliance round (Woodbury)
+SPRINGS = 1e4  # springs of rows over their stiffness, to invert a compliance (Woodbury)
 
 LOOSE = 1e5
-"""How much softer than in Newton's steps the springs are that hold floating parts in a search."""
+"""Factor by which springs of floating parts are softer in a search than in Newton's steps."""
 
 PROBES = 40
 DOUBT = 1e-6
 EXHAUSTED = 1e-8
-"""Lanczos steps at most, the chance that they miss a second solution, and what counts as zero."""
+"""Most Lanczos steps, the probability that they miss a second solution, and the size of zero."""
 
 Solve = Callable[[np.ndarray], np.ndarray]
 
@@ -36,7 +36,7 @@ UNSOLVABLE = {
     True: "contact with friction was not solved: for a large coefficient there may be no solution "
     "or several; try a smaller load step",
 }
-"""Why no forces may meet the conditions, by friction."""
+"""Without and with friction: why there may be no forces that satisfy the conditions."""
 
 
 SEARCHED = (
@@ -47,13 +47,13 @@ LINEARISED = (
     "Friction: none of all contact states is another equilibrium of the body as it is linearised "
     "here, which is no proof for a body that yields."
 )
-"""What is said where uniqueness was neither proved nor disproved."""
+"""Messages if uniqueness was neither proved nor disproved."""
 
 
 def with_contact(
     here: Iterate, solve: Solve, compliance: Compliance
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Newton's step, and the forces of the rows at its end, which meet the conditions there.
+    """Newton's step, and the forces of the rows that satisfy the contact conditions at its end.
 
     ``solve`` maps nodal forces to displacements, both (nodes, N).  FactorisationError if no forces
     are found.
@@ -61,7 +61,7 @@ def with_contact(
     conditions, change = here.body.contact, solve(-here.free_residual)
 
     def product(more: np.ndarray) -> np.ndarray:
-        """What the rows move by more forces, which change the step."""
+        """The displacement of the rows by additional forces, which also change the step."""
         nonlocal change
         answer = solve(conditions.forces(more))
         change = change - answer
@@ -80,7 +80,7 @@ def with_contact(
         raise FactorisationError(UNSOLVABLE[conditions.friction.d > 0])
     springs = conditions.springs(
         here.body.row_stiffness
-    )  # what they carry belongs to rollers
+    )  # the forces of the springs belong to rollers
     return change, found + springs * conditions.displacement(change)
 
 
@@ -90,13 +90,13 @@ def rival(
     most: int,
     stiffened: Callable[[np.ndarray], Solve] | None = None,
 ) -> tuple[bool, str]:
-    """Whether Coulomb's law has other forces at a solution, and a sentence about it.
+    """Whether Coulomb's law allows other forces at a solution, and a message about it.
 
-    With ``stiffened``, springs of the rows -> the solver with them, uniqueness is tested first
-    (``is_unique``), with the compliance S + 1/springs, unless contact alone holds a part.  Where it
-    is not proved all rows that press and those closest to it are examined, ``most`` forces at most,
-    each with one solve.  For few rows in the plane that is all their states, which is a proof if
-    the body is elastic; for others it is a search.
+    ``stiffened`` maps springs of the rows to the solver with these springs.  With it, uniqueness is
+    tested first (``is_unique``), with the compliance S + 1/springs, unless contact alone holds a
+    part.  If it is not proved, the rows that press and those closest to contact are examined, at
+    most ``most`` forces with one solve each.  For few rows in the plane all states are enumerated,
+    which is a proof if the body is elastic; otherwise it is a search.
     """
     conditions = here.body.contact
     cone = conditions.friction
@@ -105,7 +105,7 @@ def rival(
         return False, ""
 
     def compliance(d: np.ndarray) -> np.ndarray:
-        """S d: what the rows move by forces d."""
+        """S d, the displacement of the rows by forces d."""
         return conditions.displacement(solve(conditions.forces(d)))
 
     can_be_proved = stiffened is not None and not here.body.floating.centres
@@ -212,12 +212,12 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
 def contact_work(
     here: Iterate, change: np.ndarray, following: np.ndarray
 ) -> tuple[Callable[[float], float], np.ndarray]:
-    """What contact adds to the slope of the energy along a step ``change`` to other forces.
+    """The contribution of contact to the slope of the energy along a step ``change``.
 
     The slope at t of the sum of bound times |slip|, and the nodal forces of rows that do no work:
     normal ones of rows that stay closed and tangential ones of rows that stick, at the end of the
     step, where they balance it but for rounding; rows that slip dissipate their bound, taken there,
-    times the way.  Gaps and slips that count as rounding are none.
+    times the slip.  Gaps and slips below rounding count as zero.
     """
     conditions = here.body.contact
     slip = here.slip

@@ -87,7 +87,7 @@ class FacetNodes:
         return result
 
     def missed(self) -> tuple[IntegrationRule, np.ndarray]:
-        """Points where a polynomial through the values at the nodes is compared with its data.
+        """Points at which the interpolating polynomial is compared with its data.
 
         They are at a quarter of the way from one node to another, within what makes a coefficient;
         the second part is the node that each is for, shape (n,).

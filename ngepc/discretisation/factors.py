@@ -26,9 +26,9 @@ residuals of 4 instead of 1e-5.  One by one takes three times as long and loses 
 class Factors:
     """A tangent whose factors are computed again for each state, on one sparsity pattern.
 
-    ``name`` is NGSolve's of a direct solver, ``stiffness`` assembles the tangents, by default that
-    of the body; ``moduli`` are those that are factorised, ``back_substitutions`` the solves since
-    then.
+    ``name`` is NGSolve's name of a direct solver, ``stiffness`` assembles the tangents (by default
+    that of the body), ``moduli`` are those of the present factors, and ``back_substitutions``
+    counts the solves with them.
     """
 
     linear_iterations = 0

@@ -4,7 +4,7 @@ The plastic strain is p = g A n with n . A n = 1, and g = (p . A^-1 p)^(1/2).  W
 
     (r + M g A) n = s,    w = r n = s - M p,
 
-one equation for g, whose left side below falls with g,
+one equation for g, whose left side decreases with g,
 
     s . G A G s = 1,    G = (r + M g A)^-1.
 

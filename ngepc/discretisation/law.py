@@ -1,7 +1,7 @@
 """The law of the material at the integration points: one potential of the strain of a time step.
 
-With the strain of a point, what the step starts from, and the plastic strain p that it gains, the
-density of (2.14) is
+With the strain of a point, the history, and the plastic strain p gained in the step, the density of
+(2.14) is
 
     bulk/2 (tr e)^2 + mu_2 |dev e - p_0 - p|^2 + dev alpha_2 : p + h/2 |p|^2 + int_0^g beta,
 
@@ -45,7 +45,7 @@ A load step starts with |s| = beta, up to rounding, wherever the last one has yi
 count as elastic, so that unloading needs one Newton step.
 """
 
-SOFTEST = 1e-8  # part of the elastic modulus that tangents keep where a law does not harden at all
+SOFTEST = 1e-8  # part of the elastic modulus in tangents where a law does not harden
 SEARCHES = 100  # most Newton and bisection steps for a free component of the strain
 
 
@@ -76,12 +76,12 @@ class Law(ABC):
     bulk: np.ndarray  # mu_1 + 2 mu_2/size (stress)
     two_mu: np.ndarray  # 2 mu_2 (stress)
     hardening: np.ndarray  # h (stress)
-    resistance: Resistance  # beta, what else plastic strain costs
+    resistance: Resistance  # beta
     back: np.ndarray  # dev alpha_2 (stress) in coordinates, shape (points, d)
     initial: np.ndarray  # p_0 in coordinates, shape (points, d)
-    swelling: np.ndarray | float  # tr eps_0, to be taken off strains; 0 without
+    swelling: np.ndarray | float  # tr eps_0, subtracted from strains; 0 without
     distortion: np.ndarray | float  # dev eps_0 in coordinates; 0 without
-    across: np.ndarray | None  # deviator of a unit strain that is free, None without
+    across: np.ndarray | None  # deviator of a unit of the free strain, None without
 
     def __init__(self, problem: ProblemData, points: Points) -> None:
         kinematics = points.kinematics
@@ -124,11 +124,11 @@ class Law(ABC):
         direction = np.zeros((len(zero), self.back.shape[1]))
         return self.softened(Moduli(self.bulk, self.two_mu, zero, direction))
 
-    # what a yield surface has to know
+    # the yield surface, defined by subclasses
 
     @abstractmethod
     def measured(self, s: np.ndarray) -> np.ndarray:
-        """The measure of stresses s that is compared with beta, shape (points,)."""
+        """The measure of stresses s to be compared with beta, shape (points,)."""
 
     @abstractmethod
     def gained_at(self, s: np.ndarray, modulus: np.ndarray) -> np.ndarray:
@@ -140,11 +140,11 @@ class Law(ABC):
 
     @abstractmethod
     def yielding_part(self, at: Return) -> np.ndarray:
-        """w, which is s where it does not yield, shape (points, d)."""
+        """w of a return; equal to s at elastic points, shape (points, d)."""
 
     @abstractmethod
     def projected(self, w: np.ndarray, at: Return) -> np.ndarray:
-        """w put back to what the yield surface, which has grown to radius, allows."""
+        """The projection of w onto the yield surface with the present radius."""
 
     @abstractmethod
     def moved(self, at: Return, w: np.ndarray, ds: np.ndarray) -> np.ndarray:
@@ -152,11 +152,11 @@ class Law(ABC):
 
     @abstractmethod
     def flow_change(self, at: Return, ds: np.ndarray) -> np.ndarray:
-        """The change of p with that of s, a symmetric map, zero where it does not yield."""
+        """The derivative of p by s, a symmetric map, zero at elastic points."""
 
     @abstractmethod
     def closed_moduli(self, at: Return, w: np.ndarray) -> Moduli:
-        """The tangent of the stress with w kept as a variable of its own, made symmetric.
+        """The symmetrised tangent of the stress with w as an independent variable.
 
         It lies between zero and the elastic moduli, and is the derivative of the stress for the
         w of ``yielding_part``.  No component of the strain is free.
@@ -208,7 +208,7 @@ class Law(ABC):
     def stress(self, at: Return) -> tuple[np.ndarray, np.ndarray]:
         """The factor of tr eps in sigma : eps, and dev sigma in coordinates (points, d).
 
-        Without the cancellation of e and p.
+        The formula avoids the cancellation of e and p.
         """
         w = self.yielding_part(at)
         h = self.hardening[:, None]
@@ -234,10 +234,11 @@ class Law(ABC):
     def complementary_density(
         self, pressure: np.ndarray, stress: np.ndarray
     ) -> np.ndarray:
-        """phi*, the conjugate of ``energy_density`` at a stress, inf where none can be (points,).
+        """phi*, the conjugate of ``energy_density`` at a stress, shape (points,); it may be inf.
 
-        As a function of all the strain, the initial one included.  ``pressure`` is the factor of
-        tr eps in sigma : eps (points,), ``stress`` dev sigma in coordinates (points, d).
+        phi is taken as a function of the total strain, with the initial strain.  ``pressure`` is
+        the factor of tr eps in sigma : eps (points,), ``stress`` dev sigma in coordinates (points,
+        d).
         """
         s = stress - self.back
         g = self.gained_at(s, self.hardening)
@@ -273,14 +274,14 @@ class Law(ABC):
     # free components of the strain
 
     def stiffness_across(self, moduli: Moduli) -> np.ndarray:
-        """What a unit of the free component needs as stress in its own direction, (points,)."""
+        """The modulus of the free component in its own direction, (points,)."""
         n = np.broadcast_to(self.across, moduli.direction.shape)
         return moduli.bulk + moduli(n) @ self.across
 
     def opened(
         self, moduli: Moduli, volume: np.ndarray, e: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """A change of strain, with that of a free component that closed moduli leave unstressed."""
+        """A change of strain, completed by the free component for which its stress stays zero."""
         if self.across is None:
             return volume, e
         n = np.broadcast_to(self.across, e.shape)
@@ -299,18 +300,18 @@ class Law(ABC):
         own = 0.0 if moduli.coupling is None else moduli.coupling
         return replace(moduli, coupling=own - taken)
 
-    # what is asked of a law beside the potential
+    # further quantities of a law
 
     def lost(self, at: Return) -> np.ndarray:
-        """beta g, what the plastic strain of the step dissipates (energy per volume), (points,)."""
+        """beta g, the dissipation of the step (energy per volume), (points,)."""
         return self.beta * at.gained
 
     def own_memory(self, at: Return | None = None) -> dict[str, np.ndarray]:
-        """What this law alone hands to the next step, now or after a return: name -> array."""
+        """Additional history of this law, now or after a return: name -> array."""
         return {}
 
     def carry(self, arrays: Mapping[str, np.ndarray], beta: np.ndarray) -> None:
-        """Start from what an earlier step has left behind, with a new bound beta(0)."""
+        """Take the history of an earlier step, with a new bound beta(0)."""
         self.initial = arrays["plastic_strain"]
         self.back = arrays["back_stress"]
         accumulated = arrays["accumulated"]
@@ -326,20 +327,20 @@ class Law(ABC):
     def beyond_initial(
         self, volume: np.ndarray, e: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """A strain without the initial one: what ``returned`` is given."""
+        """A strain minus the initial strain, the argument of ``returned``."""
         return volume - self.swelling, e - self.distortion
 
     def flowing(self, at: Return) -> np.ndarray:
-        """g where a law hardens no more, 0 elsewhere (points,)."""
+        """g where there is no hardening left, 0 elsewhere (points,)."""
         return np.where(self.hardens(at), 0.0, at.gained)
 
     def hardens(self, at: Return) -> np.ndarray:
-        """Whether a change of s beyond the yield surface leaves stress behind (points,)."""
+        """Whether the stress still grows with s beyond the yield surface (points,)."""
         slope = self.hardening + self.resistance.slope(at.gained)
         return slope > SOFTEST * self.two_mu
 
     def with_sides(self, at: Return, yields: np.ndarray) -> Return:
-        """The same return, with yielding where ``yields`` says so: one side of a kink."""
+        """The same return with given plastic points ``yields``: one side of a kink."""
         return self._filled(replace(at, yields=yields), self.modulus)
 
     def close_to_yielding(self, at: Return, part: float) -> np.ndarray:

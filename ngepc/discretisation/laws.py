@@ -1,4 +1,4 @@
-"""Which law a problem has."""
+"""The law at the points that belongs to a problem."""
 
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.law import Law, VonMisesLaw

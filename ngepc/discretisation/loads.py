@@ -146,7 +146,7 @@ def work_of(
 ) -> list:
     """The integrals of int_Gn g . v + int f . v; forces at points have none.
 
-    Elements where a scan of ``scanned_loads`` has found something that rules miss are left out.
+    Elements that ``scanned_loads`` treats with adaptive rules are left out.
     """
     weight = problem.kinematics.weight
     scans = {} if scans is None else scans
@@ -162,7 +162,7 @@ def work_of(
 
 
 def scanned_loads(problem: Problem) -> dict[Place | None, Scan]:
-    """Scans of the loads with something that rules miss: body force (None) and tractions."""
+    """Scans of the loads that vary inside elements: body force (None) and tractions."""
     mesh = problem.mesh
     found = {}
     if problem.f is not None:
@@ -176,7 +176,7 @@ def scanned_loads(problem: Problem) -> dict[Place | None, Scan]:
 
 
 def _elsewhere(scan: Scan | None) -> dict:
-    """Arguments of a measure that leaves out what a scan has found."""
+    """Arguments of a measure without the elements that a scan has found."""
     if scan is None:
         return {}
     count = scan.mesh.ne if scan.kind == VOL else scan.mesh.GetNE(BND)
@@ -188,7 +188,7 @@ def _elsewhere(scan: Scan | None) -> dict:
 
 
 def hidden_forces(problem: Problem, scan: Scan, scalar: FESpace) -> np.ndarray:
-    """Nodal forces (nodes, N) of a load on the elements where rules miss something."""
+    """Nodal forces (nodes, N) of a load on the elements that a scan has found."""
     forces = np.zeros((scalar.ndof, problem.N))
     for number in scan.hidden.tolist():
         rule = scan.rule(number)
@@ -205,8 +205,8 @@ def hidden_forces(problem: Problem, scan: Scan, scalar: FESpace) -> np.ndarray:
 def shapes_at(scalar: FESpace, element: ElementId, shares: np.ndarray) -> np.ndarray:
     """Functions of order one or two of a simplex at barycentric points, (points, functions).
 
-    They are combinations of the products of barycentric coordinates: their values at the vertices
-    and edge midpoints say which.
+    They are combinations of products of barycentric coordinates, determined by the values at
+    vertices and edge midpoints.
     """
     pairs = list(combinations_with_replacement(range(shares.shape[1]), 2))
     unit = np.eye(shares.shape[1])
@@ -287,7 +287,7 @@ def _springs_at_point(
 
 
 class Supports:
-    """What holds the body."""
+    """The supports of the body: held components, given displacements and springs."""
 
     space: FESpace  # ``displacement_space``
     free: np.ndarray  # boolean, shape (nodes, N): components that no support holds

@@ -1,15 +1,15 @@
 """Contact of two bodies as rows: means of the gap with biorthogonal functions on the first body.
 
 With the Bernstein polynomials B_i of the first surface, hat functions for order one, and the
-functions psi_i biorthogonal to them on each facet, int psi_i B_j = delta_ij int B_i over what faces
-the second surface,
+functions psi_i biorthogonal to them on each facet, int psi_i B_j = delta_ij int B_i over the part
+that faces the second surface,
 
     N_i u = int psi_i n . (u_1 - u_2) / int psi_i,   gap_i likewise.
 
 That is the coefficient of B_i in the projection of n . (u_1 - u_2) onto polynomials.  Constant
-pressures pass between meshes that do not match without any error.  A facet of the first
-surface looks at the second one along its normals, in the plane interpolated between its nodes; what
-it sees of a facet is cut off where one of its barycentric coordinates becomes negative.
+pressures pass between meshes that do not match without any error.  A facet of the second surface is
+projected onto one of the first surface along its normals, which in the plane are interpolated
+between its nodes; the projection is cut off where a barycentric coordinate becomes negative.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from ngepc.model.problem import Problem
 RULES = {2: IntegrationRule(ET.SEGM, 5), 3: IntegrationRule(ET.TRIG, 4)}
 """Space dimension -> rule on each piece: exact for products of quadratic functions in the plane."""
 
-THIN = 1e-12  # overlaps below this part of a facet are none
+THIN = 1e-12  # smaller overlaps, as a part of a facet, are neglected
 SLIVER = {1: 1e-8, 2: 1e-6}
 """Order -> smallest relative eigenvalue of a facet's mass matrix for biorthogonal functions."""
 
@@ -39,7 +39,7 @@ COVERED = 1e-6  # rows with a smaller part of the largest weight are left out
 
 
 def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactRows:
-    """The conditions at the first of two boundaries; a ValueError if they never face each other."""
+    """The contact rows at the first of two boundaries; a ValueError if they do not overlap."""
     one, two = surfaces_of(problem, pair)
     at = overlap(one, two)
     if not len(at.weights):
@@ -115,7 +115,7 @@ def _mortar_means(
 
 
 def _tied_rows(means: MortarMeans, jumps: csr_matrix, free: np.ndarray) -> ContactRows:
-    """Rows along all axes without a gap, for what is not clamped."""
+    """Rows along all axes without a gap, for components that are not clamped."""
     count = len(means.area)
     N = free.shape[1]
     every = np.tile(np.arange(count), N)
@@ -315,7 +315,7 @@ def _fans(polygon: np.ndarray) -> np.ndarray:
 
 
 def pairs_of(N: int, order: int) -> np.ndarray:
-    """Corners whose hat functions multiply to a Bernstein polynomial, shape (k, 2)."""
+    """Pairs of corners whose hat functions multiply to a Bernstein polynomial, shape (k, 2)."""
     if order == 1:
         return np.repeat(np.arange(N)[:, None], 2, axis=1)
     return np.array([*combinations_with_replacement(range(N), 2)])

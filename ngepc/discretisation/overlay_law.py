@@ -1,4 +1,4 @@
-"""Sub-elements in parallel at the points: each is a radial law with its share of the elasticity.
+"""Sub-elements in parallel at the points: radial laws that share the elasticity.
 
 With the shares w_i of ``Material.overlay`` a point has the density
 
@@ -25,7 +25,7 @@ from ngepc.model.data import ProblemData
 NEVER = 1e80  # bound, in units of 2 mu, of the sub-element that does not yield
 STEPS = 60  # most Newton steps for the strain of a stress
 SHORTEST = 2.0**-20  # step length of Newton's method for that
-DECREASE = 1e-4  # part of the decrease of the tangent that a step has to reach
+DECREASE = 1e-4  # part of the decrease predicted by the slope that a step must reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class OverlayLaw(Law):
         return {"parts": np.hstack(strains)}
 
     def split(self, stack: np.ndarray) -> list[np.ndarray]:
-        """What belongs to each sub-element, shape (points, d) each."""
+        """The parts of an array that belong to the sub-elements, shape (points, d) each."""
         return np.split(stack, len(self.parts), axis=1)
 
     def lost(self, at: OverlayReturn) -> np.ndarray:
@@ -90,7 +90,7 @@ class OverlayLaw(Law):
         return np.sqrt(np.einsum("pd,pd->p", s, s))
 
     def gained_at(self, s: np.ndarray, modulus: np.ndarray) -> np.ndarray:
-        """See ``Law``: a stress alone does not tell the plastic strains."""
+        """See ``Law``: not defined, a stress alone does not determine the plastic strains."""
         raise NotImplementedError("sub-elements have no single measure of a stress")
 
     def flow(
@@ -170,7 +170,7 @@ class OverlayLaw(Law):
         return Moduli(self.bulk, across, zero, np.zeros((count, d)), coupling)
 
     def hardens(self, at: OverlayReturn) -> np.ndarray:
-        """See ``Law``: a sub-element is left that does not yield."""
+        """See ``Law``: true while a sub-element is elastic."""
         return ~np.all([one.yields for one in at.parts], axis=0)
 
     def close_to_yielding(self, at: OverlayReturn, part: float) -> np.ndarray:
@@ -218,7 +218,7 @@ class OverlayLaw(Law):
         return 0.5 * pressure**2 / self.bulk + shape + free
 
     def _stressed(self, stress: np.ndarray) -> OverlayReturn:
-        """The return whose deviatoric stress this is, nearly: Newton's method with line search."""
+        """The return with nearly this deviatoric stress: Newton's method with line search."""
         volume = np.zeros(len(stress))
         two_mu = self.two_mu[:, None]
         e = stress / two_mu + sum(
@@ -247,7 +247,7 @@ class OverlayLaw(Law):
         missing: np.ndarray,
         step: np.ndarray,
     ) -> np.ndarray:
-        """By which part of a step the energy less the work of the stress falls enough."""
+        """The step length at which the energy minus the work of the stress decreases enough."""
         volume = at.volume
         start = self.energy_density(at) - np.einsum("pd,pd->p", stress, at.deviator)
         rate = np.einsum("pd,pd->p", missing, step)
@@ -265,7 +265,7 @@ class OverlayLaw(Law):
 
 
 def _part(radial: VonMisesLaw, share: float, bound: float) -> VonMisesLaw:
-    """The sub-element with a share of the elasticity, and nothing else that hardens."""
+    """The sub-element with a share of the elasticity, without hardening."""
     part = copy(radial)
     zero = np.zeros_like(radial.two_mu)
     part.bulk = zero

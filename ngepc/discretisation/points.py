@@ -1,11 +1,11 @@
-"""Strains at the integration points as rows on nodal displacements, and what is made of them.
+"""Strains at the integration points as rows on nodal displacements; forces and stiffnesses.
 
 A strain is its trace and the d coordinates of its deviator, a stress what they are multiplied with:
-s = 1 + d numbers.  All that the discrete problem needs of the elements are the rows B of these
-numbers at the points and the weights of the points: forces are B' times stresses, stiffnesses
-B' C B.  Slopes of the shape functions are kept; rows are five times as many numbers and are made
-where they are needed.  Arrays over the points follow the elements, rule point by rule point; nodal
-arrays have shape (nodes, N).
+s = 1 + d numbers.  The discrete problem needs only the rows B of these numbers at the points, and
+the weights of the points: forces are B' times stresses, stiffnesses B' C B.  Slopes of the shape
+functions are kept; rows would be five times as many numbers, and are computed when they are needed.
+Arrays over the points follow the elements, rule point by rule point; nodal arrays have shape
+(nodes, N).
 """
 
 from __future__ import annotations
@@ -163,8 +163,8 @@ class Moduli:
 class Points:
     """The integration points of a mesh for displacements of one order.
 
-    ``mean_volume`` averages tr eps over each element, which frees quadrilaterals and hexahedra of
-    order one from volume locking (docs/locking.md).
+    ``mean_volume`` averages tr eps over each element, which avoids volumetric locking of
+    quadrilaterals and hexahedra of order one (docs/locking.md).
     """
 
     rules: dict[
@@ -173,7 +173,7 @@ class Points:
     scalar: H1  # the space of one displacement component; its degrees of freedom are the nodes
     weights: np.ndarray  # volume that belongs to each point, shape (points,)
     blocks: list[Elements]  # one for each shape
-    processes: Team  # share the mesh; each has the points of its own elements
+    processes: Team  # that share the mesh; each has the points of its own elements
 
     def __init__(
         self,
@@ -196,7 +196,7 @@ class Points:
         self.blocks = list(self._blocks(np.linalg.inv(jacobians), mean_volume))
 
     def __getstate__(self) -> dict:
-        """All but the mapped points, which know where in memory their mesh is."""
+        """Everything except the mapped points, which refer to their mesh in memory."""
         return {name: part for name, part in vars(self).items() if name != "_mapped"}
 
     def __setstate__(self, state: dict) -> None:
@@ -306,7 +306,7 @@ class Points:
 
 
 class PointFunctions:
-    """The discontinuous polynomials that values at the points of each element determine."""
+    """Discontinuous polynomials that are determined by their values at the points."""
 
     def __init__(self, points: Points) -> None:
         self.points = points
@@ -344,7 +344,7 @@ class PointFunctions:
         return self._applied(transposed, slope.reshape(components, -1).T)
 
     def _applied(self, matrices: list[np.ndarray], columns: np.ndarray) -> np.ndarray:
-        """Matrices of the elements of each shape times what belongs to their points."""
+        """Matrices of the elements of each shape times the values at their points."""
         result = np.empty_like(columns)
         for block, matrix in zip(self.points.blocks, matrices, strict=True):
             result[block.points] = matrix @ columns[block.points]
@@ -354,7 +354,7 @@ class PointFunctions:
 def on_children(
     values: np.ndarray, before: Points, after: Points, parents: np.ndarray
 ) -> np.ndarray:
-    """The same constants or affine functions at the points of a mesh inside another, exactly.
+    """Piecewise constant or affine functions at the points of a nested finer mesh, exactly.
 
     ``values`` are at the points of simplices, one or N + 1 of each; ``parents`` are the cells that
     those of the second mesh lie in.

@@ -1,6 +1,6 @@
 """Integration rules for the nonsmooth terms, and where which rule is needed.
 
-|q|_2 is convex and q is affine on a simplex, so that its vertex values decide: an element where
+|q|_2 is convex and q is affine on a simplex, so that vertex values are sufficient: an element where
 all of them satisfy |q| <= threshold contributes nothing to M^2.  Where all of an element is beyond
 the threshold the integrand is smooth and a low order is exact to rounding.  Only elements that
 the kink |q| = threshold crosses need many points, 400 in the paper.
@@ -19,7 +19,7 @@ SMOOTH_VARIATION = 0.1
 IDLE = -1
 SMOOTH = 0
 KINKED = 1
-"""What an element is: below the threshold, beyond it and gentle, or to be looked at closely."""
+"""Kinds of elements: below the threshold, smooth beyond it, or with a kink."""
 
 HIGHEST_ORDER = 60
 
@@ -55,7 +55,7 @@ def boundary_rules(dim: int, points: int) -> dict[ET, IntegrationRule]:
 def classify(
     q: np.ndarray, nodes: np.ndarray, low: np.ndarray | float, high: np.ndarray | float
 ) -> np.ndarray:
-    """Which elements carry a kink of [|q| - threshold]^+, which are smooth, which are idle.
+    """For each element: KINKED if it has a kink of [|q| - threshold]^+, SMOOTH, or IDLE.
 
     |q| is convex, so that vertex values bound it from above; along the mean direction q is
     affine, so that they bound it from below.

@@ -1,10 +1,10 @@
-"""What the plastic strain of a time step costs: the bound beta(g) at |p| = g, and its integral.
+"""The resistance to plastic strain in a time step: the bound beta(g) at |p| = g, its integral.
 
-A step that gains the plastic strain p costs int_0^g beta(t) dt with g = |p|, a convex function of
-g, since beta never falls.  Everything that depends on the amount of plastic strain alone belongs
-here: the yield stress, what isotropic hardening has added to it before the step, what the law
-of hardening adds within it, and the overstress at the rate g / duration.  Linear kinematic
-hardening does not: it is the modulus h of ``discretisation.law``.
+A step that gains the plastic strain p dissipates or stores int_0^g beta(t) dt with g = |p|, a
+convex function of g, since beta does not decrease.  Everything that depends on the amount of
+plastic strain alone belongs here: the yield stress, what isotropic hardening has added to it before
+the step, what the law of hardening adds within it, and the overstress at the rate g / duration.
+Linear kinematic hardening does not: it is the modulus h of ``discretisation.law``.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ngepc.model.hardening import HardeningLaw
 from ngepc.model.material import PEEQ
 from ngepc.model.viscosity import RateLaw
 
-ENDLESS = 1e6  # |p| beyond which no |p| is looked for where nothing bounds it
+ENDLESS = 1e6  # largest |p| in a search without an upper bound
 
 FIRST = 1e-3
-"""|p| from which brackets are doubled: huge ones would lose the digits of energies."""
+"""Start of brackets for |p|, which are doubled: huge ones would lose digits of energies."""
 
 EXACT = 4 * np.finfo(float).eps
 """Part of a stress to which equations at the points are solved."""
@@ -35,7 +35,7 @@ class Resistance:
     beta
         beta(0), the yield bound at the beginning of the step (stress).
     isotropic
-        The law of hardening with its data at the points; None for a bound that stays.
+        The law of hardening with its data at the points; None for a constant bound.
     accumulated
         PEEQ at the beginning of the step (1).
     rate

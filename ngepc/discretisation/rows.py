@@ -80,7 +80,7 @@ class ContactRows:
         return tangent_frames(self.normals)
 
     def at_vertices(self, values: np.ndarray, count: int) -> np.ndarray:
-        """What belongs to the rows, shape (m, ...), given to ``count`` vertices, in equal parts."""
+        """Values of the rows, shape (m, ...), distributed in equal parts to their vertices."""
         result = np.zeros((count, *values.shape[1:]))
         for corner in self.corners.T:
             np.add.at(result, corner, values / 4)
@@ -236,7 +236,7 @@ def _no_rows(problem: Problem) -> ContactRows:
 
 
 def _record_type(N: int) -> np.dtype:
-    """What is known of a node of a facet."""
+    """The record type of a node of a facet."""
     whole = np.int64
     return np.dtype(
         [
@@ -281,7 +281,7 @@ def _records(problem: Problem) -> tuple[np.ndarray, csr_matrix]:
 def _records_of(
     problem: Problem, name: str, facet: FacetNodes, nodes: np.ndarray
 ) -> np.ndarray:
-    """What is known of the nodes (facets, k) of the facets of a shape, same shape."""
+    """The records of the nodes (facets, k) of the facets of a shape, same shape."""
     mesh = problem.mesh
     at = mesh.MapToAllElements({facet.shape: facet.rule}, mesh.Boundaries(name))
     gap = np.ravel(problem.gaps[name](at)).reshape(nodes.shape)
@@ -391,7 +391,7 @@ def _coefficients(
     """Bernstein coefficients of the rows from values at their nodes, shape (rows, rows)."""
     row_of = np.empty(len(records), dtype=int)
     row_of[sums.indices] = np.repeat(np.arange(len(first)), np.diff(sums.indptr))
-    most = 16  # more than a facet has nodes
+    most = 16  # larger than the number of nodes of a facet
     facet = np.unique(records[["rank", "facet"]], return_inverse=True)[1]
     key = most * facet.astype(np.int64) + records["local"]
     order = np.argsort(key)
@@ -443,7 +443,7 @@ def deepest_overlap(problem: Problem, u: np.ndarray) -> float:
 def _shared(
     records: np.ndarray, means: csr_matrix, processes: Team
 ) -> tuple[np.ndarray, csr_matrix]:
-    """The same with what other processes have at common nodes, in one order on all."""
+    """The records with those of other processes at common nodes, in the same order on all."""
     if processes.size == 1:
         return records, means
     own = processes.rank

@@ -1,9 +1,9 @@
-"""Data that a rule can miss: seen on a lattice in each simplex, integrated on its bisected parts.
+"""Data that an integration rule can miss: sampled on a lattice, integrated adaptively.
 
 Polynomials on elements are integrated by rules that are exact for them.  Any other coefficient is
-looked at on a lattice of points first.  Where a cubic function does not follow the lattice values
-the element is cut into the parts of the lattice, and these are cut again where the values at their
-corners differ.  What is narrower than the lattice can still be missed.
+first sampled on a lattice of points.  If a cubic function does not fit the lattice values, the
+element is cut into the parts of the lattice, and these are cut again where the values at their
+corners differ.  Features narrower than the lattice can still be missed.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from ngepc.checks.arguments import Coefficient, is_number
 
 SIMPLICES = {1: ET.SEGM, 2: ET.TRIG, 3: ET.TET}
 FINEST = {1: 128, 2: 72, 3: 18}
-"""Parts of an edge by dimension: strips and spots of 1/50 of an edge are seen, 1/10 in space."""
+"""Parts of an edge by dimension: they resolve strips of 1/50 of an edge, 1/10 in space."""
 FINEST_FACET = 48
 """Parts of an edge of a triangle on the boundary of a body in space."""
 COARSEST = {1: 128, 2: 12, 3: 6}
 MOST_POINTS = 8_000_000
 """Points of a lattice on all elements; where they would be more the lattice is coarser."""
 LEVELS = {1: 12, 2: 4, 3: 1}
-"""How often a part is cut at most."""
+"""Most levels of cutting, by dimension."""
 STEEP = {1: 0.01, 2: 0.05, 3: 0.1}
-"""A part is cut where its corners differ by more than this part of what the element varies by."""
+"""A part is cut if its corners differ by more than this part of the variation in the element."""
 FOLLOWED = 1e-4
 """Part of the largest value that a cubic function may miss on an element that rules integrate."""
 POLYNOMIALS = re.compile(
@@ -78,7 +78,7 @@ def is_polynomial(value: Coefficient | None) -> bool:
 
 @cache
 def parts_of_simplex(dim: int, count: int) -> np.ndarray:
-    """The parts into which planes cut a simplex, ``count`` to an edge; barycentric corners.
+    """The parts of a simplex with ``count`` parts of each edge; barycentric corners.
 
     Kuhn's parts of the cubes of a lattice, shape (count^dim, dim + 1, dim + 1).
     """
@@ -150,13 +150,13 @@ def cubics(dim: int, count: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class HiddenRule:
-    """Points in one element, and what a coefficient is there.
+    """An adaptive rule: points in one element, weights, and the values of a coefficient.
 
     ``shares`` (q, dim + 1) are barycentric, in NGSolve's order of the vertices; ``weights`` (q,)
     add up to the size of the element; ``values`` (q, k).  ``corners`` (parts, dim + 2, dim + 1) are
     those of the parts and their centres, with the values ``at_corners`` (parts, dim + 2, k).
     ``unresolved`` (k,) is
-    the integral of the squares of the differences on the parts that are still steep.
+    the integral of the squares of the differences on the parts that were not resolved.
     """
 
     shares: np.ndarray
@@ -168,7 +168,7 @@ class HiddenRule:
 
 
 class Scan:
-    """A coefficient on simplices, seen on a lattice.
+    """A coefficient on simplices, sampled on a lattice.
 
     ``hidden`` are the numbers of the elements where a rule of moderate order would miss something;
     ``rule(number)`` integrates there.
@@ -176,7 +176,7 @@ class Scan:
     Parameters
     ----------
     mesh, value
-        The mesh and what is given on it.
+        The mesh, and the coefficient.
     kind
         VOL or BND: elements of the body or of its boundary.
     chosen
@@ -218,7 +218,7 @@ class Scan:
         return int(min(finest, max(COARSEST[self.dim], each ** (1 / self.dim))))
 
     def _hidden(self, numbers: np.ndarray) -> np.ndarray:
-        """The elements whose lattice values no cubic function follows."""
+        """The elements whose lattice values no cubic function fits."""
         basis = cubics(self.dim, self.count)
         rule = lattice_rule(self.dim, self.count)
         missed = np.empty(len(numbers))
@@ -232,7 +232,7 @@ class Scan:
     def at(
         self, number: int, shares: np.ndarray, value: CoefficientFunction
     ) -> np.ndarray:
-        """Another coefficient at barycentric points of an element, (points, components)."""
+        """Another coefficient at barycentric points of one element, (points, components)."""
         return self._at(number, rule_at(shares), value)
 
     def _at(

@@ -46,7 +46,7 @@ class Blocks:
 class Stiffness(Blocks):
     """The blocks of tangents that elements add up to (``summed``), and matrices for them.
 
-    ``data`` are what a tangent follows from: moduli at the points, or displacements.
+    ``data`` determine a tangent: moduli at the points, or displacements.
     """
 
     def __init__(self, mesh: Mesh, order: int, free: np.ndarray) -> None:
@@ -59,9 +59,9 @@ class Stiffness(Blocks):
         self._added = np.zeros(0, dtype=int), 0.0
 
     def with_added(self, added: csr_matrix) -> Stiffness:
-        """The same with a symmetric matrix on top, u flattened node by node.
+        """The same plus a symmetric matrix, u flattened node by node.
 
-        It is between nodes of one element, and takes the place of what was added before.
+        It couples nodes of one element only, and replaces what was added before.
         """
         other = copy(self)
         blocks = added.tobsr((self.N, self.N))
@@ -128,7 +128,7 @@ class ElementStiffness(Stiffness):
         ]
 
     def _pairs_of(self, part: Elements) -> tuple[np.ndarray, ...]:
-        """Blocks that some elements touch, which of these each pair is, and where to transpose."""
+        """Blocks of some elements, the block of each pair of nodes, and whether to transpose it."""
         a, b = np.tril_indices(part.nodes.shape[1])
         i = part.nodes[:, a]
         j = part.nodes[:, b]
@@ -155,9 +155,10 @@ class ElementStiffness(Stiffness):
 
 
 class SymbolicStiffness(Stiffness):
-    """Assembled by a symbolic form of NGSolve: slower, the formula to be seen.
+    """A tangent assembled by a symbolic form of NGSolve: slower, but the formula is visible.
 
-    ``form`` makes it of a trial and a test function, ``enter`` makes coefficients follow the data.
+    ``form`` maps a trial and a test function to the form, ``enter`` sets its coefficients for given
+    data.
     """
 
     def __init__(

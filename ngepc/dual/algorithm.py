@@ -3,7 +3,7 @@
 The first row of the Newton system (7.1) is negated: the second derivative of the saddle function S
 is then symmetric and quasi-definite, so that LDL^T needs no pivoting.  That row is linear: once
 D y = Lambda* v - l holds it holds along the whole step, so that J*_gamma(v + t dv) is a parabola
-plus the nonsmooth terms and no trial needs a solve.
+plus the nonsmooth terms and trials of the line search need no solve.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def algorithm_7_1(
     max_iterations: int,
     monitor: Monitor | None = None,
 ) -> DualResult:
-    """The loop of Algorithm 7.1 from v until the tolerances are met or something stops it.
+    """Algorithm 7.1 from v, until the tolerances are met or the run is stopped.
 
     The Newton system may have been used before; without a line search all steps are full ones.
     """
@@ -204,7 +204,7 @@ class DualLine(Descent):
         return smooth + InnerProduct(self.at(t).multipliers, self.dv)
 
     def fault(self) -> Status:
-        """Why there is no step length; the data may have changed."""
+        """The status of a line search without a step length."""
         again = self.here.functional.at(self.here.v, self.here.y)
         values = (
             self.slope_0,

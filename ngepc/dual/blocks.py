@@ -56,14 +56,14 @@ def primal_energy(problem: Problem, u: GridFunction, p: GridFunction) -> float:
 
 
 class LinearBlocks:
-    """Matrices and vectors of a problem that no Newton step and no gamma changes.
+    """Matrices and vectors of a problem that do not depend on the iterate and on gamma.
 
     Y, H and X are the spaces of y = (u, p), of v = (z, q) and of (y, v); without contact z is
     empty.  ``saddle`` is the condensed form of [[-D, Lambda*], [Lambda, 0]], D: Y -> Y* neither
     condensed nor factorised, Lambda: Y -> H, ``B_inverse`` does the Poisson solves.  ``load`` and
     ``psi`` are -l and [psi, 0] as functionals, ``residual_unit`` is that of ||Psi_gamma||_{H*},
-    length^(N/2 + 1) of the reference units; ``note`` is what a user must know.
-    ValueError for a problem that the paper's method is not for.
+    length^(N/2 + 1) of the reference units; ``note`` is a message for the user.  ValueError for a
+    problem that the paper's method does not cover.
     """
 
     def __init__(self, problem: Problem, choice: DualSpaces, inverse: str) -> None:
@@ -86,7 +86,7 @@ class LinearBlocks:
         self._assemble_primal()
 
     def __reduce__(self) -> tuple:
-        """NGSolve's matrices are not pickled: they are assembled again."""
+        """NGSolve's matrices are not pickled, but assembled again."""
         return LinearBlocks, (self.problem, self.choice, self.inverse)
 
     def _assemble_dual(self, inverse: str) -> None:

@@ -37,7 +37,7 @@ POINTS = 400
 
 @dataclass(frozen=True, kw_only=True)
 class DualityReport:
-    """What ``duality_report`` measures: energies (force times length), then L2 norms."""
+    """The numbers of ``duality_report``: energies (force times length), then L2 norms."""
 
     primal_energy: float  # J(y)
     dual_energy: float  # J*_gamma(v)

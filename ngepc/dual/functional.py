@@ -49,9 +49,9 @@ EPSILON = float(np.finfo(float).eps)
 class DualFunctional:
     """J*_gamma of (D_gamma) on the discrete spaces, with blocks that a path in gamma shares.
 
-    ``gamma_tichonov`` is that of ``Coupled``.  Elements that a kink crosses have so many
-    quadrature ``points``, others a few or none; the rule of the boundary has the order that gives
-    so many on a cell.
+    ``gamma_tichonov`` is that of ``Coupled``.  Elements with a kink have this number of quadrature
+    ``points``, others a few or none; the rule of the boundary has the order that gives this number
+    on a cell.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class DualFunctional:
         self._penalties, self._active = zip(*parts, strict=True)
 
     def __reduce__(self) -> tuple:
-        """NGSolve's forms are not pickled: they are made again."""
+        """NGSolve's forms are not pickled, but made again."""
         gammas = self.regularisation.gamma, self.regularisation.gamma_tichonov
         return DualFunctional, (self.blocks, self.points, *gammas)
 
@@ -184,7 +184,7 @@ class DualFunctional:
         )
 
     def rounding(self, y: BaseVector) -> np.ndarray:
-        """What rounding in D y = Lambda* v - l leaves of the norms, whatever solver finds y.
+        """The effect of rounding in D y = Lambda* v - l on the norms, for any solver of y.
 
         Each entry of D y is uncertain by EPSILON |D| |y|, in whatever way D is assembled, and
         D^(-1) may amplify that by lambda/h.  The norms of Lambda D^(-1) e are averaged over a few e
@@ -292,7 +292,7 @@ class DualIterate:
 
 
 def total(norms: np.ndarray) -> float:
-    """||Psi_gamma||_{H*} of its norms on Gamma_c and in Omega."""
+    """||Psi_gamma||_{H*} from its norms on Gamma_c and in Omega."""
     return math.sqrt((norms**2).sum())
 
 

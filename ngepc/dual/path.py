@@ -40,7 +40,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class PathOptions(Declared):
-    """How Algorithm 7.2 is run; the defaults are those of Table 3.
+    """Options of Algorithm 7.2; the defaults are those of Table 3.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def follow_path(
     monitor
         Called with the record of each gamma; raising StopIteration stops.
     spaces
-        The Tichonov choice and the units, which stay along the path; None for (R2).
+        The Tichonov choice and the units of the whole path; None for (R2).
     checkpoint
         File that is written after each gamma.  A later call with the same problem and options
         goes on from there, to the same digits when it uses one thread.
@@ -176,7 +176,7 @@ def follow_path(
 
 
 class Rules:
-    """The tolerances of a path with the widths of its mesh, and when it ends."""
+    """The tolerances of a path, which depend on the mesh widths, and its termination."""
 
     def __init__(self, options: PathOptions, blocks: LinearBlocks) -> None:
         length = blocks.choice.units.length
@@ -186,7 +186,7 @@ class Rules:
         self.h_c = contact_mesh_width(blocks.problem) / length
 
     def settled(self, steps: Sequence[PathStep]) -> tuple[int, bool]:
-        """How often V_gamma has changed by less than the fraction tau_out h, and whether at last.
+        """How often V_gamma has changed by less than the part tau_out h, and whether it just did.
 
         Each time the safeguard has reduced tau_out.
         """
@@ -230,7 +230,7 @@ class Rules:
     def message(
         self, status: Status, steps: Sequence[PathStep], result: DualResult
     ) -> str:
-        """What was seen, and what to try, for a path that did not converge."""
+        """A message for a path that did not converge: what happened, and what to try."""
         if status is Status.CONVERGED or not steps:
             return result.message
         last = steps[-1]

@@ -1,4 +1,4 @@
-"""What a path has reached: a record for each gamma, the result, the checkpoint on disk."""
+"""The state of a path: a record for each gamma, the result, the checkpoint on disk."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ngepc.results.outcome import Ending, Status
 
 @dataclass(frozen=True, kw_only=True)
 class PathStep:
-    """One value of gamma on a path, and what its inexact solution has."""
+    """The record of one value of gamma on a path."""
 
     gamma: float
     iterations: int
@@ -35,7 +35,7 @@ class PathStep:
 
     @classmethod
     def after(cls, before: list[PathStep], result: DualResult) -> PathStep:
-        """The record of a result that comes after these steps."""
+        """The record of a result that follows these steps."""
         here = DualIterate(result.functional, result.v, result.y)
         change = None
         if before:
@@ -63,7 +63,7 @@ class PathResult(Ending):
     Parameters
     ----------
     status, message
-        How the path ended; the message says what was seen and what to try.
+        How the path ended, and a message: what happened, and what to try.
     steps
         One record for each gamma, a last one that failed included.
     last
@@ -138,7 +138,7 @@ class PathStore:
             self._fingerprint = checkpoint.work_fingerprint("path", problem, **told)
 
     def load(self) -> tuple[list[PathStep], dict]:
-        """The steps on disk and what restores the last result; none without a file.
+        """The steps on disk, and the arguments that restore the last result; none without a file.
 
         ValueError if the file is damaged or belongs to other work.
         """
@@ -157,7 +157,7 @@ class PathStore:
         return steps, {"v": saved.arrays["v"], "status": steps[-1].status, "rows": rows}
 
     def save(self, steps: list[PathStep], last: DualResult) -> None:
-        """Write the steps and the last result, whole or not at all, if it has converged."""
+        """Write the steps and the last result atomically, if it has converged."""
         if self._path is not None and last.status is Status.CONVERGED:
             told = [asdict(step) | {"status": step.status.name} for step in steps]
             record = {"steps": told, "history": last.history.as_rows()}

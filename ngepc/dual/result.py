@@ -1,4 +1,4 @@
-"""The result of the dual method: status, history and the fields that (y, v) stand for."""
+"""The result of the dual method: status, history and the fields of (y, v)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ngepc.results.result import Result
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DualResult(Result):
-    """What ``semismooth_newton`` returns; the state is there whatever the status says.
+    """The result of ``semismooth_newton`` with gamma; the state is available for every status.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class DualResult(Result):
     y, v
         Coefficients of (u, p) and of (z, q).
     status, message
-        How the run ended; the message says what was seen and what to try.
+        How the run ended, and a message: what happened, and what to try.
     history
         Records of all iterates.
     """
@@ -47,7 +47,7 @@ class DualResult(Result):
     def restored(
         cls, functional: DualFunctional, v: np.ndarray, status: Status, rows: list[dict]
     ) -> DualResult:
-        """A result that was kept: v, how it ended and ``History.as_rows``; y is solved for."""
+        """A stored result, from v, its status and ``History.as_rows``; y is solved for."""
         vector = functional.blocks.H_vector()
         history = [IterationRecord(**row) for row in rows]
         vector.FV().NumPy()[:] = v
@@ -78,7 +78,7 @@ class DualResult(Result):
 
     @property
     def residual_rounding(self) -> float:
-        """What rounding leaves of ``residual_norm``; no tolerance below it can be met."""
+        """The rounding error of ``residual_norm``; a smaller tolerance cannot be met."""
         return total(self.functional.rounding(self.y))
 
     @property
@@ -148,7 +148,7 @@ class DualResult(Result):
     def normal_stress(self) -> GridFunction:
         """z, the normal stress (sigma n) . n on Gamma_c (stress); zero without contact.
 
-        Inside the body it is the P1 extension and means nothing.
+        Inside the body it is the P1 extension, without a meaning.
         """
         z = GridFunction(H1(self.problem.mesh, order=1), name="normal_stress")
         z.Set(self.state.components[2], definedon=self.functional.blocks.contact)

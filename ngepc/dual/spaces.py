@@ -1,4 +1,4 @@
-"""The Hilbert space H of v = (z, q) with its product b, and the units that gamma is a number in.
+"""The Hilbert space H of v = (z, q) with its product b, and the reference units of gamma.
 
     b([z, q], [w, r]) = <B_z z, w> + <B_q q, r>
 
@@ -29,7 +29,7 @@ class SurfaceGradient:
         True  # z = 0 at the ends of Gamma_c, q = 0 on the boundary of the body
     )
     values: ClassVar[float] = (
-        0.0  # how much of (z, w) / L and (q, r) / L^2 there is besides
+        0.0  # factor of the additional (z, w) / L and (q, r) / L^2
     )
 
     def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CF:
@@ -78,7 +78,7 @@ UNITS = Check(require_instance, kind=Units, needed="Units(...)")
 
 @dataclass(frozen=True, kw_only=True)
 class DualSpaces(Declared):
-    """What stays along a path in gamma: matrices are assembled for it once.
+    """Choices that are fixed along a path in gamma, so that matrices are assembled once.
 
     Parameters
     ----------

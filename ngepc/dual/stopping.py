@@ -1,9 +1,10 @@
-"""When the loop of Algorithm 7.1 ends, whether an iterate that seems right is, and what is said.
+"""Termination of Algorithm 7.1: tests, a final check of the residual, and messages.
 
-The residual of the iteration is updated with each step, by factors of the condensed (7.1) whose
-errors it cannot see.  Here y is solved for again and corrected with D itself, and what rounding
-leaves in that is estimated.  CONVERGED is said only where the residual *and* its rounding together
-meet the tolerances: any other way of computing it in the same precision then finds the same.
+The residual of the iteration is updated with each step, by factors of the condensed (7.1), whose
+errors it does not contain.  Here y is solved for again and corrected with D itself, and what
+rounding leaves in that is estimated.  The status is CONVERGED only if the residual *and* its
+rounding together meet the tolerances: any other way of computing it in the same precision then
+finds the same.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from ngepc.results.outcome import History, Status
 
 CORRECTIONS = 3  # most steps with the last factors
 ROUNDING_STEPS = 8  # in a row, that change the energy by rounding only, end a run
-WINDOW = 5  # steps that are looked at for damping
+WINDOW = 5  # number of last steps in the test for damping
 
 NEARER = "Start from the solution for a smaller gamma or a smaller load step"
 ADVICE = {
@@ -42,7 +43,7 @@ Judgement = tuple[DualIterate, Status | None, str]
 
 @dataclass(frozen=True)
 class Tolerances:
-    """||Psi_gamma||_{H*} < tolerance, as in Algorithm 7.1; their text stands in messages.
+    """||Psi_gamma||_{H*} < tolerance, as in Algorithm 7.1; messages contain its text.
 
     With ``bounds`` of the parts on Gamma_c and in Omega those count after a step at least, step
     (iv)(a) of Algorithm 7.2.
@@ -52,7 +53,7 @@ class Tolerances:
     bounds: tuple[float, float] | None = None
 
     def met(self, norms: np.ndarray, steps: int) -> bool:
-        """Whether an iterate with these norms will do after so many steps."""
+        """Whether an iterate with these norms is accepted after this number of steps."""
         if self.bounds is None or steps == 0:
             return total(norms) < self.tolerance
         return bool((norms < self.bounds).all())
@@ -73,7 +74,7 @@ def judged(
     most: int,
     solve: Solve,
 ) -> Judgement:
-    """Test by test, whether the iteration is over, after ``most`` steps in any case."""
+    """The tests for termination, at the latest after ``most`` steps."""
     steps = len(history.records) - 1
     if not math.isfinite(here.residual_norm + here.energy):
         return before, Status.NONFINITE, ""
@@ -93,10 +94,10 @@ def judged(
 def final_check(
     here: DualIterate, aim: Tolerances, steps: int, solve: Solve
 ) -> Judgement:
-    """Judge an iterate whose updated residual meets the aim: y and residual afresh, corrected.
+    """Check an iterate whose updated residual meets the aim, with y and residual computed anew.
 
-    Near a solution the active sets stay, so that a correction needs no new factors.  The status is
-    CONVERGED or STAGNATED, None where further Newton steps may help.
+    Near a solution the active sets do not change, so that a correction needs no new factors.  The
+    status is CONVERGED or STAGNATED, or None if further Newton steps may help.
     """
     here = DualIterate(here.functional, here.v)
     rounding = here.functional.rounding(here.y)
@@ -125,7 +126,7 @@ def final_check(
 def ended(
     here: DualIterate, status: Status, cause: str, history: History, aim: Tolerances
 ) -> DualResult:
-    """The result of a run that ends with an iterate, and what was seen if it has not converged."""
+    """The result of a run that ends with an iterate, with a message if it has not converged."""
     if status not in (Status.CONVERGED, Status.STOPPED):
         if status is not Status.NONFINITE:
             here = DualIterate(here.functional, here.v)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_matrix
 
-COARSEST = 400  # unknowns that are few enough for a direct solver
+COARSEST = 400  # number of unknowns that a direct solver takes
 DAMPING = 1.4  # of the Jacobi step that smooths, divided by the largest eigenvalue
 DEPENDENT = (
     1e-10  # modes of an aggregate count as dependent below this squared relative size
@@ -26,7 +26,7 @@ def incidence(number: np.ndarray) -> csr_matrix:
 def aggregates(graph: csr_matrix) -> np.ndarray:
     """A number for each node, -1 for those without neighbours.
 
-    A node none of whose neighbours is taken takes them all; the others join a neighbour's.
+    A node whose neighbours are all free starts an aggregate with them; others join a neighbour.
     """
     starts = graph.indptr.tolist()
     columns = graph.indices.tolist()
@@ -54,7 +54,7 @@ def aggregates(graph: csr_matrix) -> np.ndarray:
 def tentative(
     aggregate: np.ndarray, modes: np.ndarray
 ) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
-    """Interpolation by the modes (unknowns, k) cut to aggregates, -1 for none, orthonormal there.
+    """Interpolation by the modes (unknowns, k), restricted to aggregates and orthonormal there.
 
     With it come the modes on the coarse level, without dependent ones, and their aggregates.
     """

@@ -48,7 +48,7 @@ class ConeSolution:
     x
         The unknowns, shape (n,).
     status
-        The solver's word: 'Solved', 'PrimalInfeasible', ...
+        The status that the solver reports: 'Solved', 'PrimalInfeasible', ...
     steps
         Steps of the interior point method.
     """
@@ -59,7 +59,7 @@ class ConeSolution:
 
     @property
     def is_success(self) -> bool:
-        """Whether ``x`` is a solution, be it of reduced accuracy."""
+        """Whether ``x`` is a solution, possibly of reduced accuracy."""
         return self.status in SOLVED
 
 

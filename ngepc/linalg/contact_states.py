@@ -1,4 +1,4 @@
-"""All states of a few contact rows in the plane: open, sticking, slipping one way or the other.
+"""Enumeration of the states of a few contact rows in the plane: open, sticking, slipping.
 
 With the state of each row given, Coulomb's law is a linear system for the forces x = (n, t) of the
 rows, whose gaps are g = g_0 + S x.  Solving it for all states finds every equilibrium of an
@@ -52,7 +52,7 @@ def equilibria(
     ``S`` (2 m, 2 m) is the compliance of the rows, ``gaps`` (2 m,) are those with some ``forces``,
     first the normal ones of all rows, then minus their slips.  A gap counts as none if it is small
     beside what the largest force moves with the compliances ``sizes`` (2 m,).  The same forces may
-    come several times, from states that differ by nothing.
+    occur several times, from different states.
     """
     tables = _Tables(S, gaps, forces, coefficient, cap, sizes)
     found = [np.zeros((0, len(gaps)))]
@@ -74,7 +74,7 @@ def _chunks(choices: list[list[int]]) -> Iterator[np.ndarray]:
 
 
 class _Tables:
-    """The two equations of each row in each of its states, and what else has to hold there."""
+    """The two equations of each row in each of its states, and the inequalities that must hold."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Krylov methods step by step: who takes the steps says when they have done enough."""
+"""Krylov methods as iterators: the caller decides when to stop."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Dot = Callable[[np.ndarray, np.ndarray], float]
 def conjugate_gradients(
     multiply: Linear, precondition: Linear, right: np.ndarray, dot: Dot = np.vdot
 ) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
-    """Steps from zero towards the solution of A x = right: x, right - A x, the energy gained.
+    """Iterates from zero for A x = right: x, the residual right - A x, the decrease of the energy.
 
-    They end where a preconditioned residual or a curvature is not positive, that is with the
-    solution or because one of the two matrices is not positive definite.
+    The iteration ends if a preconditioned residual or a curvature is not positive: the solution is
+    reached, or one of the two matrices is not positive definite.
     """
     x = np.zeros_like(right)
     r = right

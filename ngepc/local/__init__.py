@@ -1,4 +1,4 @@
-"""The default method: Newton's for the discrete problem itself, with nothing regularised.
+"""The default method: Newton's method for the discrete problem, without regularisation.
 
 Displacements at the nodes and the dual variable at the integration points are its unknowns.
 """

@@ -1,10 +1,11 @@
-"""One Newton step whose linear systems are solved by iterations, to what the step needs.
+"""One Newton step whose linear systems are solved iteratively, with adaptive accuracy.
 
 Contact is found by active sets: the closed rows are kept by a projection, and the set is corrected
 by the signs of forces and gaps, each time from the last displacement (Hintermueller, Ito, Kunisch,
-SIAM J. Optim. 13, 2002).  A few solves do for all rows together, whatever their number.  Friction
-is part of it: rows that stick are kept along their tangents, too, and those that slip push with a
-force that is linearised.  Where that cycles the forces of the rows are found by secants.
+SIAM J. Optim. 13, 2002).  A few solves are sufficient for all rows together, for any number of
+them.  Friction is part of it: rows that stick are kept along their tangents, too, and those that
+slip push with a force that is linearised.  Where that cycles the forces of the rows are found by
+secants.
 """
 
 from __future__ import annotations
@@ -29,14 +30,15 @@ PATIENCE = 10
 """Active sets with each c."""
 
 PART = 0.1
-"""What linear systems leave, as a part of what Newton's method or the tolerance does."""
+"""Residual of linear systems, as a part of the expected one of Newton's method or of the
+tolerance."""
 
 FINEST = 1e-9
 """Smallest relative residual of a linear system."""
 
 
 class Meeting(NamedTuple):
-    """A change of u, forces of the rows in balance with it, and the gaps that it leaves."""
+    """A change of u, the forces of the rows in balance with it, and the resulting gaps."""
 
     change: np.ndarray
     forces: np.ndarray
@@ -44,7 +46,7 @@ class Meeting(NamedTuple):
 
 
 class InexactTarget:
-    """Newton's model, minimised as exactly as the distance to the solution deserves.
+    """Newton's model, minimised with an accuracy that follows the residual.
 
     ``forcing`` is the largest relative residual of a linear system; none is solved beyond what the
     ``tolerance`` of the Newton iteration needs.
@@ -66,9 +68,9 @@ class InexactTarget:
     def accuracy(self, residual: float, before: float | None) -> float:
         """The relative residual for a step from here (Eisenstat and Walker 1996, choice 2).
 
-        It is a small part of what Newton's method itself is about to leave, so that its steps do
-        not depend on how the linear systems are solved.  ``before`` is the residual one iterate
-        earlier.
+        It is a small part of the residual that Newton's method is expected to leave, so that the
+        steps do not depend on how the linear systems are solved.  ``before`` is the residual one
+        iterate earlier.
         """
         falling = PART * (residual / before) ** 2 if before else 1.0
         return max(
@@ -78,7 +80,7 @@ class InexactTarget:
     def __call__(
         self, here: State, tangent: IterativeTangent, before: float | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The change of u, and contact there; FactorisationError if they are not found."""
+        """The change of u, and the contact forces after it; FactorisationError for none."""
         tangent.linearise(here)
         accuracy = self.accuracy(here.residual_norm, before)
         rough = self._contact.friction.d > 0
@@ -102,8 +104,8 @@ class InexactTarget:
     ) -> tuple[Meeting, bool]:
         """Contact and friction by active sets: the best found, and whether it is the solution.
 
-        Each set minimises Newton's model with these closed rows, friction linearised at what was
-        found last; the linear systems leave ``scale`` of the forces.
+        Each set minimises Newton's model with these closed rows, with friction linearised at the
+        last forces; linear systems are solved up to residual forces of size ``scale``.
         """
         contact = self._contact
         processes = self._contact.processes
@@ -143,7 +145,7 @@ class InexactTarget:
         return at, False
 
     def _closed(self, active: np.ndarray, y: np.ndarray, c: np.ndarray) -> Closed:
-        """Closed rows, and what they do along their tangents by the trial forces y = x - c g."""
+        """Closed rows, and their tangential behaviour for the trial forces y = x - c g."""
         contact = self._contact
         rubbing = None
         if contact.friction.d:
@@ -154,9 +156,10 @@ class InexactTarget:
     def _shortened(
         self, at: Meeting, found: Meeting, c: np.ndarray
     ) -> tuple[Meeting, bool]:
-        """The step that lowers the defect, and whether it is whole, as it is where none does.
+        """The shortened step that decreases the defect, and whether it is a full step.
 
-        All on the way is in balance, so that no length costs a solve.
+        If no length decreases it, the full step is taken.  Forces are in balance along the whole
+        step, so that a length needs no solve.
         """
         before = self._contact.defect(at.forces, c * at.gaps)
         nearer = found

@@ -18,15 +18,15 @@ MOST_BY_FACTORS_TRESCA = 1000
 """The same with Tresca's friction, under which the forces of all contact rows are unknowns."""
 
 DENSER = 1.5
-"""PyAMG's sweeps take so much longer than PETSc's: the body has to be so much larger."""
+"""By this factor PyAMG is slower than PETSc, and the body must be larger."""
 
 
 def fastest_solver(body: DiscreteProblem) -> str | Iterative:
-    """What ``NewtonOptions(inverse=None)`` stands for.
+    """The linear solver for ``NewtonOptions(inverse=None)``.
 
-    Factors in the plane, where they grow little faster than the body, and for small bodies in
-    space.  Larger ones take multigrid: ``PETSc()`` where petsc4py is installed, else ``PyAMG()``.
-    Where processes share the mesh only PETSc covers it.
+    Factors in the plane, where their cost grows little faster than the number of nodes, and for
+    small bodies in space.  Larger ones use multigrid: ``PETSc()`` where petsc4py is installed, else
+    ``PyAMG()``. Only PETSc covers meshes that processes share.
     """
     problem = body.problem
     if problem.processes.size > 1:
@@ -55,5 +55,5 @@ def most_by_factors(body: DiscreteProblem) -> float:
 
 
 def solver_name(inverse: object) -> str:
-    """How results call a linear solver."""
+    """The name of a linear solver in results."""
     return inverse if isinstance(inverse, str) else type(inverse).__name__

@@ -23,14 +23,14 @@ from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import TINY, FrictionCone, matrix_of_rows
 
 PARALLEL = 1e-8
-"""Normals at a node that are closer count as one."""
+"""Normals at a node with a smaller distance count as equal."""
 
 STIFFEST = 100.0
-"""Forces turn towards a slip at most so many times as fast as c would have it."""
+"""Largest ratio of the tangential stiffness of slipping rows to c."""
 
 
 class Rubbing(NamedTuple):
-    """What rows do along their tangents: stick, or slip with t = bound + slant n + k slip.
+    """Tangential behaviour of rows: stick, or slip with t = bound + slant n + k slip.
 
     Closed rows, and with Tresca's law the open ones as well.
 
@@ -188,7 +188,7 @@ class Closed:
         return between + at_vertices, left
 
     def pins(self, N: int) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes of closed rows and the projections onto what they leave free there, (k, N, N).
+        """Nodes of closed rows, and projections onto the free directions there, (k, N, N).
 
         Rows over several nodes pin their own one.
         """

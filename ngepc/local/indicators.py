@@ -1,4 +1,4 @@
-"""Where a mesh is too coarse: an estimate of the error of each element from recovered stresses."""
+"""Error indicators: an estimate of the error of each element from recovered stresses."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ COVERS = frozenset(
 
 
 def error_indicators(result: ExactResult) -> GridFunction:
-    """An estimate of the part of each element in the energy error (force times length).
+    """Estimate the contribution of each element to the energy error (force times length).
 
     Zienkiewicz and Zhu (Int. J. Numer. Meth. Eng. 24, 1987): the difference between the stress of
     an element and a continuous stress, in the norm of the elastic energy, for elements of every
@@ -162,7 +162,7 @@ class OfShape:
 def averaged(points: Points, shapes: list[OfShape], stress: np.ndarray) -> np.ndarray:
     """Nodal coefficients of the continuous stress, shape (nodes, s).
 
-    For order 1 means with hat functions: those of bilinear stresses are better than their values
+    For order 1 means weighted with hat functions: for bilinear stresses they are better than values
     at the corners.
     """
     sums = np.zeros((points.scalar.ndof, 1 + stress.shape[1]))

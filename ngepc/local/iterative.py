@@ -1,8 +1,8 @@
-"""The tangent by conjugate gradients with multigrid: memory and time grow like the body.
+"""Tangents solved by conjugate gradients with multigrid: memory and time grow like the nodes.
 
 In three dimensions factors grow like nodes^(4/3) in memory and nodes^2 in time.  Here nothing is
 factorised.  Rows of contact that are closed, and supports, are kept by a projection, so that the
-iterations see an elasticity matrix and nothing else.
+iterations work with an elasticity matrix alone.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from ngepc.model.elements import vertex_coordinates
 from ngepc.model.support import rigid_motions
 
 ACCURACY = 1e-8
-"""Relative residual of ``solve``, for callers that take it for exact."""
+"""Relative residual of ``solve``, for callers that need accurate solutions."""
 
 Preconditioner = Callable[[csr_matrix, csr_matrix], Linear]
 """A tangent, and the same with closed rows pinned -> a symmetric positive definite map of vectors.
 
-The first tangent chooses coarse spaces, the pinned one is what is preconditioned; a process has the
-matrices of its own elements.
+The first tangent determines the coarse spaces, the second one is preconditioned.  Each process has
+the matrices of its own elements.
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Iterative(Declared):
-    """What ``PETSc()`` and ``PyAMG()`` share, their arguments and the tangent."""
+    """Base class of ``PETSc()`` and ``PyAMG()``: arguments and tangent."""
 
     forcing: Annotated[float, Check(require_number, least=1e-12)] = 3e-3
     max_iterations: Count = 500
@@ -51,7 +51,7 @@ class Iterative(Declared):
     def preconditioner(
         self, pattern: FullPattern, body: DiscreteBody
     ) -> Preconditioner:
-        """What makes preconditioners for matrices with a pattern, nodes coupled as by ``graph``."""
+        """A function that makes preconditioners for matrices with this pattern."""
         raise NotImplementedError
 
 
@@ -126,9 +126,9 @@ class IterativeTangent:
         ).ravel()
 
     def prepare(self, closed: Closed) -> None:
-        """Make a hierarchy for the present tangent and closed rows if there is none for it.
+        """Make a hierarchy for the present tangent and closed rows if there is none yet.
 
-        What is pinned is projected out of the blocks, the size of the diagonal is put there.
+        Pinned directions are projected out of the blocks and get a diagonal of similar size.
         """
         if self._lower is None:
             return
@@ -205,7 +205,7 @@ class IterativeTangent:
 def low_energy_modes(body: DiscreteBody) -> np.ndarray:
     """Translations and rotations as nodal displacements, shape (unknowns, k).
 
-    Nodes that are no vertices carry what is not linear: zero.
+    Functions of nodes that are not vertices are hierarchical: zero for linear fields.
     """
     x = vertex_coordinates(body.problem.mesh)
     processes = body.problem.processes

@@ -1,4 +1,4 @@
-"""PETSc does the linear algebra of large bodies: ``NewtonOptions(inverse=PETSc())``."""
+"""PETSc as the linear solver of large bodies: ``NewtonOptions(inverse=PETSc())``."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class PETSc(Iterative):
 
 
 class PETScPreconditioner:
-    """A preconditioner of PETSc for the sum of the matrices that the processes have.
+    """A preconditioner of PETSc for the sum of the matrices of all processes.
 
     The rows of a process are on that process; multigrid keeps its coarse spaces.
     """
@@ -93,7 +93,7 @@ class PETScPreconditioner:
         self._comm = self._processes.comm if self._shared else petsc.COMM_SELF
         petsc.garbage_cleanup(
             self._comm
-        )  # Python frees shared objects only when all do
+        )  # shared objects are destroyed by all processes together
         self._matrix = self._total(pattern) if self._shared else None
         self._levels = "-pc_type" not in options.split()
         self._pc: object | None = None
@@ -117,7 +117,7 @@ class PETScPreconditioner:
         return self._precondition
 
     def _total(self, pattern: FullPattern) -> object:
-        """Room for the sum of the matrices of all processes, by global numbers."""
+        """An empty matrix with the pattern of the sum over the processes, by global numbers."""
         processes = self._processes
         N = self._N
         numbers = processes.numbers.astype(petsc.IntType)
@@ -126,7 +126,7 @@ class PETScPreconditioner:
         near, far = (pattern.blocks @ chosen.astype(np.int32) for chosen in (own, ~own))
         theirs = (
             processes.summed(near + far) - near - far
-        )  # at most: others may have the same ones
+        )  # an upper bound: other processes may have the same entries
         counts = [np.repeat(N * (n + theirs)[own], N) for n in (near, far)]
         size = (N * len(processes.own), N * processes.count)
         matrix = petsc.Mat().create(self._comm)
@@ -137,7 +137,7 @@ class PETScPreconditioner:
         return matrix
 
     def _fill(self, matrix: csr_matrix) -> None:
-        """Take the sum of these matrices of all processes."""
+        """Set the matrix to the sum of these matrices over the processes."""
         rows = matrix.indptr, matrix.indices
         if self._shared:
             self._matrix.zeroEntries()
@@ -155,10 +155,10 @@ class PETScPreconditioner:
 
     def _create(self) -> None:
         if self._pc is not None:
-            self._pc.destroy()  # one that is set up again keeps parts of its old hierarchy
+            self._pc.destroy()  # set up again, it would keep parts of the old hierarchy
         prefix = f"ngepc{crc32(self._options.encode()):x}_"
         known = petsc.Options()
-        known.prefixPush(prefix)  # the data base has room for 512 options in all
+        known.prefixPush(prefix)  # PETSc's data base holds at most 512 options
         known.insertString(self._options)
         known.prefixPop()
         self._pc, self._sides = petsc.PC().create(self._comm), self._matrix.createVecs()
@@ -230,13 +230,13 @@ def interpolations(
         smooth = jacobi_smoothed(matrix, plain, image)
         found.append(
             smooth.duplicate(copy=True)
-        )  # without what products keep for the next one
+        )  # without data that PETSc keeps for repeated products
         spare += [plain, image, coarse]
         matrix = coarse
         graph = members.T @ graph @ members
         node = coarse_node
     for used in spare:
-        used.destroy()  # Python frees shared objects only when all processes do
+        used.destroy()  # shared objects are destroyed by all processes together
     return found
 
 

@@ -1,4 +1,4 @@
-"""Multigrid by PyAMG for large bodies where PETSc is not at hand: ``inverse=PyAMG()``."""
+"""Multigrid by PyAMG for large bodies without PETSc: ``inverse=PyAMG()``."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SMOOTHER = ("gauss_seidel", {"sweep": "symmetric", "iterations": 2})
 
 @dataclass(frozen=True, kw_only=True)
 class PyAMG(Iterative):
-    """Conjugate gradients with smoothed aggregation: a wheel, one process, no compiler.
+    """Conjugate gradients with smoothed aggregation of PyAMG, on one process.
 
     Parameters
     ----------
@@ -80,8 +80,8 @@ def coarse_spaces(matrix: csr_matrix, modes: np.ndarray, N: int) -> list[csr_mat
     """Interpolations from each level to the next finer one by smoothed aggregation, finest first.
 
     Of a positive definite matrix with N unknowns for each node, and of vectors of low energy
-    (unknowns, k).  Trailing unknowns that no mode has, those of order two, are left to a level of
-    their own.  Weights of the smoothing that look at rows need no random vectors.
+    (unknowns, k).  Trailing unknowns that no mode has, those of order two, form a level of their
+    own.  Weights of the smoothing are computed from rows, without random vectors.
     """
     found = []
     count = len(modes) - int((modes != 0).any(axis=1)[::-1].argmax())

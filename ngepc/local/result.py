@@ -1,4 +1,4 @@
-"""The result of the method at the integration points."""
+"""The result of the exact method."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ExactResult(DiscreteSolution):
     def plastic_dual(self) -> GridFunction:
         """The dual variable q = h p - dev sigma + dev alpha_2 (3.8), d components (stress).
 
-        With sub-elements the sum of theirs.
+        With sub-elements it is the sum of theirs.
         """
         require_same_mesh(self.discrete.problem)
         return self._plastic_dual
@@ -67,11 +67,11 @@ class ExactResult(DiscreteSolution):
 
     @cached_property
     def dual_energy(self) -> float:
-        """J*(lambda, sigma), the dual functional (force times length), inf if no stress allows it.
+        """J*(lambda, sigma), the dual functional (force times length); it may be inf.
 
-        J + J* >= 0 bounds the energy error of any state, and is zero at the solution.  The state's
-        stress is put into balance by an elastic solve.  For every sigma in balance, and every force
-        of contact and friction within its bounds, weak duality says that
+        J + J* >= 0 bounds the energy error of any state, and is zero at the solution.  The stress
+        of the state is brought into balance by an elastic solve.  For every sigma in balance, and
+        every force of contact and friction within its bounds, weak duality says that
 
             J* = int phi*(sigma) + lambda . gaps(0) - (forces of supports) . (prescribed u) >= -J,
 

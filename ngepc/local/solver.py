@@ -1,4 +1,4 @@
-"""The door: solve the discrete problem of one time step exactly, from zero or an earlier result."""
+"""Solve the discrete problem of one time step exactly, from zero or an earlier result."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ COVERS = frozenset(
 
 @dataclass(frozen=True, kw_only=True)
 class SymbolicForms(Declared):
-    """A linear solver whose tangents are assembled by a form of NGSolve, the same but slower.
+    """A linear solver whose tangents are assembled by a form of NGSolve: equal, but slower.
 
     Parameters
     ----------
@@ -93,10 +93,10 @@ class SymbolicForms(Declared):
 
 
 class RepeatedSolver:
-    """Solves problems that differ in a few data, one after the other, by the exact method.
+    """Solves a sequence of similar problems by the exact method.
 
-    What a problem has in common with the one before, points, spaces, contact rows, the pattern of
-    the tangent, is kept: load histories and parameter studies spend their time on Newton steps.
+    Points, spaces, contact rows and the pattern of the tangent are kept as long as the data that
+    determine them do not change.
 
     Parameters
     ----------
@@ -184,10 +184,10 @@ def solve_exactly(
 
 
 def starting_state(discrete: DiscreteProblem, start: object | None) -> State:
-    """The state to start from: prescribed displacements alone, or those of ``start`` inside.
+    """The initial state: prescribed displacements, and elsewhere those of ``start`` or zero.
 
-    ``start`` is a displacement or a result that has one, on this or another mesh; forces of contact
-    are carried over by their stresses.  TypeError or ValueError if it is no displacement.
+    ``start`` is a displacement or a result that has one, on this or another mesh; contact forces
+    are transferred as stresses.  TypeError or ValueError if it is no displacement.
     """
     u = discrete.starting_displacement(start)
     pressure = getattr(start, "contact_pressure", None)
@@ -222,7 +222,7 @@ def starting_state(discrete: DiscreteProblem, start: object | None) -> State:
 
 
 def _same_rows(start: DiscreteSolution, discrete: DiscreteProblem) -> bool:
-    """Whether a result has the same rows: its forces are those of this problem."""
+    """Whether a result has the same rows, so that its contact forces can be used directly."""
     same = start.state.body.problem.mesh is discrete.problem.mesh
     alike = len(start.state.contact) == len(discrete.contact)
     nodes = start.rows.nodes

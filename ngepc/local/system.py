@@ -1,8 +1,8 @@
 """The discrete problem of one time step: minimise J(u, p) over nodal u with N u <= gaps.
 
-p and the dual variable q live at the integration points.  The plastic strain that is best for u is
-known in closed form there (``discretisation.law``), so that J is a function of u alone.  With
-w = -q a variable of its own, the conditions at a point that yields,
+p and the dual variable q are given at the integration points.  The plastic strain that is best for
+u is known in closed form there (``discretisation.law``), so that J is a function of u alone.  With
+w = -q as an independent variable, the conditions at a point that yields,
 
     2 mu_2 (dev eps(u) - p) = stress(s, w),    |s| w = r(|s|) s,
 
@@ -31,11 +31,11 @@ from ngepc.model.data import same_fields
 from ngepc.model.problem import Problem
 
 DISCRETISED = ("mesh", "kinematics", "order")
-"""Fields of a problem that decide about its points and nodes."""
+"""Fields of a problem that determine its points and nodes."""
 
 
 class DiscreteProblem(DiscreteBody):
-    """Points, law, supports, contact rows and loads of a problem: what no Newton step changes."""
+    """The discretised problem: points, law, supports, contact rows and loads."""
 
     def __init__(
         self,
@@ -43,7 +43,7 @@ class DiscreteProblem(DiscreteBody):
         points: Points | None = None,
         like: DiscreteProblem | None = None,
     ) -> None:
-        """``like`` is an earlier problem: what its mesh, supports, rows made is taken from it."""
+        """``like`` is an earlier discrete problem, from which unchanged data are taken."""
         if like is not None and not same_fields(problem, like.problem, *DISCRETISED):
             like = None
         super().__init__(problem, like)
@@ -97,7 +97,7 @@ class DiscreteProblem(DiscreteBody):
     ) -> State:
         """The state with displacements ``u``; w = r s/|s| and no contact forces by default.
 
-        What is given as w is projected onto |w| <= r(|s|).
+        A given w is projected onto |w| <= r(|s|).
         """
         at = self.law.returned(*self.law.beyond_initial(*self.points.strain(u)))
         yielding = self.law.yielding_part(at) if yielding is None else yielding
@@ -107,7 +107,7 @@ class DiscreteProblem(DiscreteBody):
 
 @dataclass(frozen=True, eq=False)
 class State(Iterate):
-    """An iterate, see ``Iterate``: u, the forces of contact, and what follows from them.
+    """An iterate, see ``Iterate``: u, the dual variable w and the contact forces.
 
     ``yielding`` is w = -q at the points, |w| <= r(|s|), a variable of its own, shape (points, d);
     ``at`` is the law at the strain of u.
@@ -183,7 +183,7 @@ class State(Iterate):
 
     @property
     def flowing(self) -> float:
-        """The largest |p| where a law hardens no more."""
+        """The largest |p| among points without hardening left."""
         discrete = self.discrete
         return discrete.points.processes.maximum(discrete.law.flowing(self.at))
 

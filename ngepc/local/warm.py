@@ -1,6 +1,6 @@
-"""Solutions that are predicted to first order before they are computed, for a live laboratory.
+"""Solutions with a first-order prediction, for the live laboratory.
 
-The factors of the last tangent are still there when the data change.  One linear solve with contact
+The factors of the last tangent are kept when the data change.  One linear solve with contact
 then gives the next solution to first order, and Newton's method starts from it.
 """
 
@@ -22,10 +22,10 @@ class WarmSolver(RepeatedSolver):
     _next: tuple[Problem, State] | None = None
 
     def predict(self, problem: Problem) -> ExactResult | None:
-        """The solution to first order from the last one; None where the tangent does not fit.
+        """The first-order prediction from the last solution; None if the tangent does not fit.
 
-        It needs the same mesh, supports, contact boundary and friction.  The status is STOPPED: it
-        is no solution, and its residual says how far it is from one.
+        It needs the same mesh, supports, contact boundary and friction.  The status is STOPPED, as
+        it is not a solution; see its residual.
         """
         self._next = None
         if self.last is None or self._tangent is None:

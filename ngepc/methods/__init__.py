@@ -1,1 +1,1 @@
-"""The door to the methods: the exact one, the paper's, and which of them is meant."""
+"""``semismooth_newton``, which chooses between the exact method and the paper's."""

@@ -1,1 +1,1 @@
-"""What is to be solved, checked when it is made; nothing here knows a space or a solver."""
+"""The data of a time step, checked when the problem is made; no spaces and no solvers."""

@@ -1,7 +1,7 @@
 """What makes a problem well posed, checked before any work is done.
 
-NGSolve accepts misspelt boundaries, singular supports and NaN in silence; here each is an error
-that names the argument, its value and what is legal.
+NGSolve accepts misspelt boundaries, singular supports and NaN without a message. Here each is an
+error that names the argument, its value and what is legal.
 """
 
 from __future__ import annotations
@@ -79,14 +79,13 @@ SHARED_MESH_COVERS = frozenset(
         "springs",
     }
 )
-"""Features that a mesh covers of which processes have a part each."""
+"""Features that are covered on a mesh whose parts belong to several processes."""
 
 
 def check_problem(problem: ProblemData, before: ProblemData | None = None) -> None:
     """Raise TypeError or ValueError for the first thing that is wrong with ``problem``.
 
-    What looks only at fields that are the same objects as those of a legal problem ``before`` is
-    not checked again.
+    A check is skipped if its fields are the same objects as in the legal problem ``before``.
     """
 
     def differ(*fields: str) -> bool:
@@ -109,9 +108,9 @@ def everything(*fields: str) -> bool:
 
 
 def check_data(problem: ProblemData, differ: Callable[..., bool] = everything) -> None:
-    """What is wrong with the data but the material, on this process's part of the mesh.
+    """Check all data except the material, on the part of the mesh of this process.
 
-    ``differ`` tells whether one of some fields has changed since it was checked.
+    ``differ(*names)`` is true if one of these fields has changed since it was checked.
     """
     if differ("mesh", "clamped", "contact", *ACTING):
         check_places(problem)
@@ -268,7 +267,7 @@ def check_overlay(problem: ProblemData) -> None:
 
 
 def check_places(problem: ProblemData) -> None:
-    """Existing places for all that acts, each once, none of them clamped, nor contact."""
+    """Every load and support acts on an existing place, once, and not on clamps or contact."""
     named = {"contact": problem.contact_names}
     for argument in ACTING:
         given = getattr(problem, argument)
@@ -351,7 +350,7 @@ def _prescribed(problem: ProblemData, name: str, place: Place, given: object) ->
 
 
 def check_contact(problem: ProblemData) -> None:
-    """Pairs of two different boundaries; a finite gap on rigid obstacles, and none without one."""
+    """Contact pairs have two boundaries; a rigid obstacle has a finite gap, and only it has one."""
     mesh = problem.mesh
     names = problem.contact_names
     given = problem.gap

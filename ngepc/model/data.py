@@ -1,4 +1,4 @@
-"""What a time step is given, before anything is checked, and what of it methods may lack."""
+"""The data of a time step, not yet checked, and quantities that follow from them."""
 
 from collections.abc import Mapping, Sequence
 from copy import copy
@@ -26,7 +26,7 @@ Vector = CoefficientFunction | Sequence[Coefficient]
 Components = tuple | list | np.ndarray
 
 ACTING = ("traction", "pressure", "prescribed", "springs")
-"""Arguments that give a value to each place."""
+"""Arguments that map places to values."""
 
 HISTORY = (
     "initial_plastic_strain",
@@ -34,16 +34,16 @@ HISTORY = (
     "initial_accumulated",
     "initial_strain",
 )
-"""Arguments that say what the body remembers, and the strain that is free of stress."""
+"""Arguments for the history of the body, and the stress-free strain."""
 
 
 class DefaultOrder(int):
-    """An order of displacements that nobody gave: a copy with other data chooses its own."""
+    """The default order of displacements: a copy with other data chooses its own default."""
 
 
 @dataclass(frozen=True, eq=False)
 class ProblemData:
-    """The data of ``Problem`` with the paper's names for what follows from them, unchecked."""
+    """The fields of ``Problem``, and quantities that follow from them in the paper's notation."""
 
     mesh: Mesh
     material: Material
@@ -121,7 +121,7 @@ class ProblemData:
 
     @property
     def touching_names(self) -> tuple[str, ...]:
-        """Names of all boundaries where contact conditions stand: Gamma_c and the first ones."""
+        """Names of all boundaries with contact conditions: Gamma_c and the first of each pair."""
         firsts = [
             boundary_names("contact", p.first, self.mesh) for p in self.contact_pairs
         ]
@@ -246,7 +246,7 @@ class ProblemData:
 
     @property
     def rate(self) -> RateLaw | None:
-        """The law of the rate; ValueError if there is one, and no length of the time step."""
+        """The law of the rate, or None; ValueError if the duration of the time step is missing."""
         law = self.material.rate
         if law is not None and self.duration is None:
             needed = (
@@ -262,7 +262,7 @@ class ProblemData:
 
     @property
     def beta(self) -> Coefficient:
-        """The yield bound, a number whenever the data are numbers."""
+        """The yield bound, a number if the data are numbers."""
         scalar, _ = split_hardening(self.initial_hardening)
         return self.material.yield_bound(scalar or 0.0, self.initial_accumulated or 0.0)
 
@@ -278,7 +278,7 @@ def as_scalar(value: Coefficient) -> CoefficientFunction:
 
 
 def of_order_one(problem: ProblemData) -> ProblemData:
-    """The problem itself, with displacements of order 1 where nobody asked for an order."""
+    """The same problem with displacements of order 1, if the order is the default one."""
     if not isinstance(problem.order, DefaultOrder) or problem.order == 1:
         return problem
     other = copy(problem)
@@ -287,7 +287,7 @@ def of_order_one(problem: ProblemData) -> ProblemData:
 
 
 def order_note(problem: ProblemData, why: str = "") -> str:
-    """What a user must know of displacements of order 1, empty with the law of the paper."""
+    """A note on displacements of order 1 for the user; empty with the law of the paper."""
     if problem.order > 1 or problem.kinematics is TWO_DIMENSIONAL:
         return ""
     return (

@@ -1,6 +1,6 @@
 """Shapes of elements: their vertices, facets and outer normal, the points of their plastic strain.
 
-One rule serves all terms of an element, so that what is local is local point by point.  Each rule
+One rule serves all terms of an element, so that the material law acts point by point.  Each rule
 has as many points as its polynomial space has dimensions: values at the points and piecewise
 polynomials are the same thing, for pictures and for the next time step.
 
@@ -42,7 +42,7 @@ SHAPES = {
 
 
 def cells_of(mesh: Mesh, dimension: int) -> tuple[np.ndarray, np.ndarray]:
-    """Node numbers of the elements of a dimension, -1 for none, and the number of their region.
+    """Node numbers (-1 for none) of the elements of a dimension, and their region numbers.
 
     The first 2^dimension nodes are vertices, those of edges follow.
     """
@@ -91,7 +91,7 @@ def corner_vertices(mesh: Mesh, names: Sequence[str]) -> np.ndarray:
 
 
 def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """``facet_keys`` of all facets of all elements, rising, and the numbers of their elements."""
+    """``facet_keys`` of all facets of all elements, sorted, and the numbers of their elements."""
     keys = []
     owners = []
     for numbers, nodes in elements_by_shape(mesh):
@@ -103,7 +103,7 @@ def element_facets(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def facet_keys(corners: np.ndarray, mesh: Mesh) -> np.ndarray:
-    """An integer for each facet, of vertex numbers, -1 for none; the N lowest identify it."""
+    """An integer key for each facet, from its N lowest vertex numbers (-1 for none)."""
     lowest = np.sort(np.where(corners < 0, mesh.nv, corners), axis=1)[:, : mesh.dim]
     return lowest.astype(np.int64) @ mesh.nv ** np.arange(mesh.dim)[::-1]
 
@@ -112,7 +112,7 @@ def outward_normal(mesh: Mesh) -> CoefficientFunction:
     """The outer unit normal n of the body on its boundary, however its elements are oriented.
 
     ``specialcf.normal`` follows the boundary elements, which Netgen's CSG turns inward on some
-    edges, on half of a hole and on a subtracted sphere.  Here the element beside it settles the
+    edges, on half of a hole and on a subtracted sphere.  Here the adjacent element decides the
     sign: a vector v from the boundary to an inner point of it has n . v < 0.
 
     Returns
@@ -154,7 +154,7 @@ def plastic_points(mesh: Mesh, order: int) -> dict[ET, IntegrationRule]:
 
 
 def plastic_rule(shape: ET, degree: int) -> IntegrationRule:
-    """Points in number and position for polynomials of this degree on the shape.
+    """The rule with as many points as polynomials of this degree have dimensions.
 
     Ten inner points of degree three for curved tetrahedra: P. Keast, 1986.
     """

@@ -1,4 +1,4 @@
-"""What a problem may have, what a method covers, and the refusal of all else by name.
+"""Features of problems, and the refusal of those that a method does not cover.
 
 A method, bound, derivative or exporter lists the features that it covers in a constant ``COVERS``.
 Whatever is not listed is refused, so that a new feature is refused everywhere until it is shown to
@@ -24,17 +24,17 @@ Found = Mapping[str, object]
 """Argument of ``Problem`` -> its value, for arguments that have a feature; empty without it."""
 
 MESH = "mesh"
-"""The argument whose features are those of the mesh; its value is said in words."""
+"""The argument of features of the mesh; its value is described in words."""
 
 
 @dataclass(frozen=True)
 class Feature:
-    """Something that a problem may have.
+    """A property of a problem that a method may or may not cover.
 
     Parameters
     ----------
     needed
-        What a method needs instead if it does not cover the feature.
+        What a problem must have instead, for methods that do not cover the feature.
     found
         Called with a problem: which arguments have the feature, and their values.
     """
@@ -82,20 +82,20 @@ def _other_shapes(problem: ProblemData) -> Found:
 
 
 def _curved(problem: ProblemData) -> Found:
-    """The mesh, if its elements are bent."""
+    """The mesh, if its elements are curved."""
     mesh = problem.mesh
     straight = mesh.GetCurveOrder() <= 1 and mesh.deformation is None
     return {} if straight else {MESH: "curved elements"}
 
 
 def _shared(problem: ProblemData) -> Found:
-    """The mesh, if several processes have a part of it each."""
+    """The mesh, if it is distributed over several processes."""
     size = max(problem.processes.size, problem.mesh.comm.size)
     return {MESH: f"a part on each of {size} processes"} if size > 1 else {}
 
 
 def _history(problem: ProblemData) -> Found:
-    """What hardening of earlier steps leaves."""
+    """The hardening left by earlier steps."""
     names = ("initial_hardening", "initial_accumulated")
     return {n: value for name in names for n, value in _present(name, problem).items()}
 
@@ -106,12 +106,12 @@ def _obstacle(problem: ProblemData) -> Found:
 
 
 def _two_bodies(problem: ProblemData) -> Found:
-    """Contact of two bodies, or their ties."""
+    """Contact between two bodies, or ties."""
     return {"contact": problem.contact} if problem.contact_pairs else {}
 
 
 def _floating(problem: ProblemData) -> Found:
-    """Contact that alone holds a part of the body."""
+    """Contact that is the only support of a part of the body."""
     return {"contact": problem.contact} if floating_motions(problem) else {}
 
 
@@ -122,7 +122,7 @@ def _coulomb(problem: ProblemData) -> Found:
 
 
 def _meeting(problem: ProblemData) -> Found:
-    """Contact that ends where the body is clamped."""
+    """Contact that meets a clamped boundary."""
     names = (problem.clamped_names, problem.contact_names)
     ends = (corner_vertices(problem.mesh, some) for some in names)
     return {"contact": problem.contact} if np.intersect1d(*ends).size else {}
@@ -135,7 +135,7 @@ def _rollers(problem: ProblemData) -> Found:
 
 
 def _elsewhere(problem: ProblemData) -> Found:
-    """What acts on edges and at points."""
+    """Loads and supports on edges and at points."""
     return {
         f"{argument}[{place!r}]": value
         for argument, place, value in problem.acting
@@ -150,7 +150,7 @@ def _springs(problem: ProblemData) -> Found:
 
 
 def _feature(needed: str, found: Callable, *arguments: str) -> Feature:
-    """A feature that is found with these arguments."""
+    """A feature with these arguments of its search."""
     return Feature(needed, partial(found, *arguments))
 
 
@@ -195,7 +195,7 @@ FEATURES = {
     "edges and points": _feature(_BOUNDARIES, _elsewhere),
     "springs": _feature("supports that do not give way", _springs),
 }
-"""Name of each feature -> what is needed without it, and how it is found."""
+"""Name of each feature -> what a problem needs without it, and how it is found."""
 
 
 def features_of(problem: ProblemData) -> dict[str, tuple[str, object]]:
@@ -204,7 +204,7 @@ def features_of(problem: ProblemData) -> dict[str, tuple[str, object]]:
     Returns
     -------
     dict
-        Name of a feature, see ``FEATURES`` -> (argument, value), the first that has it.
+        Name of a feature, see ``FEATURES`` -> the first (argument, value) that has it.
     """
     found = {name: feature.found(problem) for name, feature in FEATURES.items()}
     return {name: next(iter(has.items())) for name, has in found.items() if has}

@@ -49,7 +49,7 @@ class Potential(Declared, ABC):
     def slopes(self, first: Value, last: Value) -> tuple[Value, Value]:
         """Bounds of R' on [first, last] from below and above, for guaranteed bounds.
 
-        Those that hold for every law, 0 and inf, unless a law says more: bounds get tighter.
+        By default 0 and inf, which hold for every law; sharper values make error bounds tighter.
         """
         return 0.0, np.inf
 
@@ -85,9 +85,9 @@ class Voce(HardeningLaw):
     yield_stress
         R at x = 0, of a bar (stress), > 0.
     saturation
-        What R gains in the end (stress), >= 0.
+        The limit of R - R(0) for large x (stress), >= 0.
     rate
-        How fast (1), > 0.
+        Rate of saturation (1), > 0.
     """
 
     yield_stress: PositiveDatum
@@ -152,7 +152,7 @@ class Swift(HardeningLaw):
 
 @dataclass(frozen=True, eq=False)
 class Tabulated(HardeningLaw):
-    """Straight lines between given points, constant beyond the last: one point never hardens.
+    """R is linear between given points and constant beyond the last; one point: no hardening.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ class Tabulated(HardeningLaw):
 
     @property
     def _bends(self) -> list[tuple]:
-        """Where the slope changes, and by how much."""
+        """The points where the slope changes, and its jumps there."""
         points = zip(self.plastic_strain, self.stress_there, strict=True)
         slopes = [(d - b) / (c - a) for (a, b), (c, d) in pairwise(points)]
         gains = (after - before for before, after in pairwise([0.0, *slopes, 0.0]))
@@ -220,7 +220,7 @@ class Tabulated(HardeningLaw):
 
 
 def check_law(law: HardeningLaw, mesh: Mesh) -> None:
-    """Accept a flow stress that is finite, positive, and never falls."""
+    """Accept a flow stress that is finite, positive and not decreasing."""
     there = law.at(lambda value: require_field("law", value, mesh))
     before = 0.0
     for x in STRAINS:

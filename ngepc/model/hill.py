@@ -54,7 +54,7 @@ class Hill(Declared):
     def r_values(
         cls, r_0: float, r_45: float, r_90: float, angle: Coefficient = 0.0
     ) -> Hill:
-        """A sheet by its R-values, ratios of plastic strains across width and thickness.
+        """A sheet by its R-values (plastic strain in the width over that in the thickness).
 
         ``r_0`` is that of a bar along the axis 1, whose yield stress is that of the material;
         ``r_45`` and ``r_90`` are those at 45 and 90 degrees to it, all > 0.  Out of the plane the
@@ -78,7 +78,7 @@ class Hill(Declared):
         r_31: float = 1.0,
         angle: Coefficient = 0.0,
     ) -> Hill:
-        """Yield stresses along the axes and in shear over those of the isotropic material, > 0."""
+        """Ratios > 0 of the yield stresses along the axes and in shear to the isotropic ones."""
         given = {"r_11": r_11, "r_22": r_22, "r_33": r_33}
         given |= {"r_12": r_12, "r_23": r_23, "r_31": r_31}
         for name, value in given.items():

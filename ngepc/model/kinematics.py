@@ -56,7 +56,7 @@ class Kinematics:
     Parameters
     ----------
     name
-        What ``Problem(kinematics=...)`` is given.
+        The name that ``Problem(kinematics=...)`` accepts.
     N
         Dimension of the mesh and of displacements, 2 or 3.
     basis
@@ -77,7 +77,7 @@ class Kinematics:
     thickness: float = 1.0
 
     def __reduce__(self) -> tuple:
-        """Those of the package are known by name, also after pickling and copying."""
+        """The kinematics of the package are pickled by name."""
         if any(self is known for known in KINEMATICS):
             return kinematics_of, (self.name, self.N)
         return Kinematics, tuple(vars(self).values())
@@ -110,7 +110,7 @@ class Kinematics:
         hoop = zero = CF(0.0)
         if self.hoop and isinstance(
             u, GridFunction
-        ):  # drawn on the axis too: the radial strain
+        ):  # evaluated on the axis too, for pictures: the radial strain
             off = x * x - 1e-24
             hoop = IfPos(off, u[0] / IfPos(off, x, 1.0), e[0, 0])
         elif self.hoop:
@@ -174,7 +174,7 @@ def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
 
 
 def with_thickness(kinematics: Kinematics, thickness: float | None) -> Kinematics:
-    """The kinematics of a body so thick; None for 1.
+    """The kinematics with a thickness; None for 1.
 
     TypeError, ValueError if it is no positive number, or the kinematics has no thickness.
     """
@@ -188,5 +188,5 @@ def with_thickness(kinematics: Kinematics, thickness: float | None) -> Kinematic
         given = f"thickness={thickness!r} with kinematics={kinematics.name!r}"
         raise ValueError(f"{given}: {needed} is needed")
     if kinematics.name not in THICK or kinematics.thickness == t:
-        return kinematics  # one's own kinematics keep what they say
+        return kinematics  # the user's own kinematics are kept as they are
     return replace(kinematics, thickness=t)

@@ -1,4 +1,4 @@
-"""Rigid obstacles as gaps: what stands against u . n <= psi in (2.2).
+"""Rigid obstacles: the gap psi in u . n <= psi, (2.2).
 
 An obstacle is where a level function phi is <= 0.  Its gap, after a translation by the vector m, is
 measured along the outer unit normal n of the undeformed body,
@@ -49,11 +49,11 @@ Field = CoefficientFunction
 class Obstacle(Declared):
     """A rigid body; ``gap`` turns it and a motion into a gap for a Problem.
 
-    One of one's own has the method ``level`` or, where that is no polynomial, ``along``.
+    A subclass defines ``level`` or, if that is no polynomial, ``along``.
     """
 
     def dimensions(self) -> tuple[int, ...]:
-        """Space dimensions N in which it makes sense: as many as its vectors have components."""
+        """Legal space dimensions N: the number of components of its vectors."""
         return tuple({len(v) for v in vars(self).values() if isinstance(v, tuple)}) or (
             2,
             3,
@@ -66,7 +66,7 @@ class Obstacle(Declared):
         )
 
     def along(self, X: Field, n: Field, far: float) -> Field:
-        """The entry t of the ray X + t n into the obstacle at rest, ``far`` if there is none."""
+        """Distance t at which the ray X + t n enters the obstacle; ``far`` if it does not."""
         a, b, c = self.level(X, n)
         discriminant = b * b - a * c
         onward = sqrt(IfPos(discriminant, discriminant, 0.0)) - b
@@ -91,7 +91,7 @@ class Obstacle(Declared):
             Translation m of the obstacle (length), N numbers or scalar coefficients, such as a
             ``Parameter`` that a load history changes; None for rest.
         far
-            Gap where the obstacle is out of the way (length), > 0.
+            Gap where the ray does not meet the obstacle (length), > 0.
 
         Raises
         ------
@@ -117,7 +117,7 @@ class Obstacle(Declared):
         return self.along(X, outward_normal(mesh), far)
 
     def _check_data(self, X: Field, mesh: Mesh) -> None:
-        """Raise ValueError where the data of the obstacle at ``X`` make no gap."""
+        """Raise ValueError where the data of the obstacle do not define a gap."""
         names = sorted(set(mesh.GetBoundaries()))
         require_field("motion", X, mesh, names, shapes=[(mesh.dim,)])
 

@@ -120,8 +120,8 @@ class Coulomb(Declared):
     """Coulomb's law: the tangential traction is at most the coefficient times the pressure.
 
     With a limit F the law is |t| <= min(mu lambda, F) for the pressure lambda.  For large
-    coefficients there may be several solutions, which the status NOT_UNIQUE says, or none
-    that a load step reaches from the last one.
+    coefficients there may be several solutions, reported by the status NOT_UNIQUE, or none that is
+    reached from the last load step.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from functools import partial
 
 from ngsolve import Mesh
 
-from ngepc.checks import pickling as pickling  # registers what NGSolve lacks
+from ngepc.checks import pickling as pickling  # registers pickling of NGSolve's types
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_mesh
 from ngepc.model.checks import check_mesh, check_problem
@@ -19,7 +19,7 @@ from ngepc.model.kinematics import TWO_DIMENSIONAL, kinematics_of, with_thicknes
 from ngepc.model.material import Material
 
 MADE = ("mesh", "kinematics", "order")
-"""Fields that are turned into others when a problem is made."""
+"""Fields that are converted when a problem is made."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Problem(ProblemData):
         psi: distance to the obstacle along the outer normal (length), a number, a scalar
         coefficient, or a mapping of boundary name -> either.  Negative where it pushes in.
     body_force
-        f (force per volume), a vector; None for none.
+        f (force per volume), a vector, or None.
     initial_plastic_strain
         p_0, a symmetric trace-free tensor, 2 x 2 or 3 x 3 as the kinematics has it; None for zero.
     initial_hardening
@@ -128,8 +128,8 @@ class Problem(ProblemData):
     def changed(self, **changes: object) -> Problem:
         """The problem with other values of some fields, checked as far as they matter.
 
-        The same as ``dataclasses.replace(problem, **changes)``, and faster: a load history changes
-        a load, and needs no new look at the mesh.
+        The same as ``dataclasses.replace(problem, **changes)``, and faster, because a change of a
+        load does not check the mesh again.
 
         Raises
         ------
@@ -151,7 +151,7 @@ class Problem(ProblemData):
         return other
 
     def continued(self, **history: object) -> Problem:
-        """The problem with what a finished step left, fields of ``HISTORY``: not checked again."""
+        """The problem with the history of a finished step (``HISTORY``), not checked again."""
         strange = sorted(set(history) - set(HISTORY))
         if strange:
             raise TypeError(f"{', '.join(strange)}: fields of a history are {HISTORY}")

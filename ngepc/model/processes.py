@@ -1,9 +1,9 @@
-"""Processes that share a body: what one has, and what all do together.
+"""Processes that share a body, and the sums over them.
 
 Each process has some of the elements and the nodes on them; nodes between two parts are on both.
 Nodal arrays, displacements and forces alike, have the same values on all processes that have a
-node, so that whatever is local to a node or an element is computed as on one process.  What is left
-are sums: over the elements of a node (``summed``), over the body (``total``, ``dot``).  These are
+node, so that quantities of a node or an element are computed as on one process.  What remains are
+sums: over the elements of a node (``summed``), over the body (``total``, ``dot``).  These are
 collective calls.
 """
 
@@ -21,16 +21,14 @@ T = TypeVar("T")
 
 
 class Team:
-    """The processes that have a part of the body each, as one of them; no ``comm``: one has it all.
+    """The processes that share a body, seen from one of them; without ``comm`` there is only one.
 
-    This one has so many ``nodes``; the ``copies`` say which of them another process has as well, in
-    an order both agree upon.
+    This process has ``nodes`` nodes.  ``copies`` maps the number of another process to the nodes
+    that both have, in the same order on both.
     """
 
-    own: slice | np.ndarray = slice(
-        None
-    )  # what selects the nodes that this one answers for
-    numbers: np.ndarray  # of each node among all: those of a process follow each other
+    own: slice | np.ndarray = slice(None)  # index of the nodes that this process owns
+    numbers: np.ndarray  # global number of each node, consecutive on each process
     count: int  # nodes of all processes
     most = renamed("most", "maximum")
 
@@ -60,15 +58,15 @@ class Team:
         self.numbers = self.spread(numbers)
 
     def owned(self, nodes: np.ndarray) -> slice | np.ndarray:
-        """What selects those of some nodes that this process answers for."""
+        """An index of those of some nodes that this process owns."""
         return self.own if self.comm is None else self._mine[nodes]
 
     def all(self, value: T) -> list[T]:
-        """The values that the processes give, in their order."""
+        """The values of all processes, in their order."""
         return [value] if self.comm is None else self.comm.allgather(value)
 
     def total(self, value: T) -> T:
-        """The sum of what the processes give, numbers or arrays."""
+        """The sum over the processes of numbers or arrays."""
         return value if self.comm is None else self.comm.allreduce(value)
 
     def any(self, flags: np.ndarray) -> bool:
@@ -90,7 +88,7 @@ class Team:
         return float(np.sqrt(self.dot(a, a)))
 
     def summed(self, values: np.ndarray) -> np.ndarray:
-        """Nodal values to which the processes contribute, added up, in the same order on all."""
+        """Nodal contributions of the processes, added in the same order on all of them."""
         if self.comm is None:
             return values
         given = self._exchanged(values) | {self.rank: values[self._inner]}
@@ -102,7 +100,7 @@ class Team:
         return result
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        """Nodal values as the process has them that answers for the node: the first that has it."""
+        """Nodal values of the owner of each node, the first process that has it."""
         if self.comm is None:
             return values
         received = self._exchanged(values)
@@ -112,7 +110,7 @@ class Team:
         return result
 
     def _exchanged(self, values: np.ndarray) -> dict[int, np.ndarray]:
-        """What the neighbours have at the common nodes."""
+        """The values of the neighbours at common nodes."""
         sent = {
             rank: np.ascontiguousarray(values[nodes])
             for rank, nodes in self.copies.items()
@@ -125,19 +123,19 @@ class Team:
         return received
 
     def traded(self, parts: dict[int, T]) -> dict[int, T]:
-        """What the neighbours give for what they are given."""
+        """What the neighbours send in exchange for ``parts``."""
         received = self.comm.alltoall([parts.get(rank) for rank in range(self.size)])
         return {rank: received[rank] for rank in self.copies}
 
     def together(self, work: Callable[[], T]) -> T:
-        """Do a work that may fail: what one process raises, all raise."""
+        """Call ``work``; an exception on one process is raised on all."""
         value = None
         error = None
         try:
             value = work()
         except (
             Exception
-        ) as raised:  # whatever it is, the others must not wait for this process
+        ) as raised:  # of any kind, as the others must not wait for this process
             error = raised
         errors = [raised for raised in self.all(error) if raised is not None]
         if errors:
@@ -167,7 +165,7 @@ def nodes_of(mesh: Mesh) -> int:
 
 
 def require_whole(what: str, mesh: Mesh) -> None:
-    """Accept a mesh of one process; ``what`` says what is not done where several share it."""
+    """Accept a mesh of one process; ``what`` names in the message what several cannot do."""
     size = max(processes_of(mesh).size, mesh.comm.size)
     if size > 1:
         raise ValueError(

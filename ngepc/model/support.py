@@ -1,4 +1,4 @@
-"""What holds a body: boundary values that agree, a contact normal that is free, no rigid motion.
+"""Supports: consistent boundary values, a free normal on contact, no rigid motion left.
 
 On a conforming P1 mesh eps(u) = 0 leaves rigid motions of each part of the mesh whose elements hang
 together by facets.
@@ -44,8 +44,8 @@ def check_held(problem: ProblemData) -> None:
 def check_motions(problem: ProblemData) -> None:
     """A conforming mesh whose parts have no rigid motion left.
 
-    A part that may touch an obstacle or another body can be held by contact alone: whether it is
-    shows in the solution.  On a mesh that processes share every part must be held.
+    A part that may touch an obstacle or another body can be held by contact alone: the solver finds
+    out.  On a mesh that processes share every part must be held.
     """
     processes = problem.processes
     parts = processes.together(partial(_parts, problem))
@@ -67,7 +67,7 @@ def check_motions(problem: ProblemData) -> None:
 
 
 def held_directions(problem: ProblemData) -> list[tuple]:
-    """What supports hold, whatever the values: places with components or directions."""
+    """Places with the components or directions that supports hold there, without values."""
     components = [(place, axis) for _, place, axis, _ in problem.held]
     rollers = [(place, r.direction) for place, r in problem.rollers.items()]
     return components + rollers
@@ -110,7 +110,7 @@ def _parts(problem: ProblemData) -> list[np.ndarray]:
 def check_conforming(
     keys: np.ndarray, owners: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The pairs of elements that share one of ``element_facets``; at most two do, and only one."""
+    """The pairs of elements that share a facet; an error if more than two share one."""
     same = keys[1:] == keys[:-1]
     if (same[1:] & same[:-1]).any():
         raise ValueError(
@@ -220,7 +220,7 @@ def _check_roller_on_contact(
 
 
 def constraints(problem: ProblemData) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices that supports and springs hold, (k,), and along which unit vectors, (k, N)."""
+    """Vertices (k,) that supports and springs hold, and unit vectors (k, N) along which they do."""
     mesh = problem.mesh
     axes = np.eye(problem.N)
     along = [(place, axes[component]) for _, place, component, _ in problem.held]
@@ -234,7 +234,7 @@ def constraints(problem: ProblemData) -> tuple[np.ndarray, np.ndarray]:
     found = [values_at(d, mesh, place) for place, d in along]
     if (
         problem.kinematics.hoop
-    ):  # u_r / r is a strain: only the motion along the axis is free
+    ):  # u_r / r is a strain, so only the translation along the axis is rigid
         found.append((np.arange(mesh.nv), np.tile(axes[0], (mesh.nv, 1))))
     vertices = [np.zeros(0, dtype=int), *(vertices for vertices, _ in found)]
     return np.concatenate(vertices), np.vstack(
@@ -247,8 +247,7 @@ def free_motions(
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Free rigid motions of each part that has any, (vertices of the mesh, N, k), and its vertices.
 
-    Each part, of ``part_vertices``, is looked at alone, also one that shares a vertex or an edge
-    with others.
+    Each part of ``part_vertices`` is examined alone, even if it shares a vertex or an edge.
     """
     x = vertex_coordinates(problem.mesh)
     processes = problem.processes

@@ -1,4 +1,4 @@
-"""Numbers of a tensile test, as data sheets have them, as data of a ``Material``.
+"""From the numbers of a tensile test, as on data sheets, to the data of a ``Material``.
 
 In a bar under tension sigma with the plastic strain e (PEEQ) von Mises' law says
 
@@ -25,9 +25,7 @@ PEEQ = math.sqrt(2 / 3)
 KINDS = ("isotropic", "kinematic", "mixed")
 """Kinds of hardening of ``Material.metal``."""
 
-ELASTIC = (
-    1e-4  # plastic strain that the first point of a measured curve may seem to have
-)
+ELASTIC = 1e-4  # largest apparent plastic strain of the first point of a measured curve
 
 
 def lame_parameters(young: float, poisson: float) -> tuple[float, float]:

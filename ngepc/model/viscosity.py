@@ -1,9 +1,9 @@
-"""Laws of the rate: by how much the stress of a bar exceeds its yield stress while it flows.
+"""Laws of the rate: the overstress of a bar above its yield stress during plastic flow.
 
-A law is the convex potential of what a rate x of PEEQ (1/time) dissipates beyond the yield stress,
-Phi(x) = int_0^x of the overstress.  In an implicit Euler step of length dt that gains the plastic
-strain p the rate is x = (2/3)^(1/2) |p| / dt, and the step costs dt Phi(x) more: again a convex
-function of |p|, so that each step is a minimum problem as without a rate.
+A law is a convex potential of the rate x of PEEQ (1/time), the power dissipated beyond the yield
+stress: Phi(x) = int_0^x of the overstress.  In an implicit Euler step of length dt that gains the
+plastic strain p the rate is x = (2/3)^(1/2) |p| / dt, and the step costs dt Phi(x) more: again a
+convex function of |p|, so that each step is a minimum problem as without a rate.
 
     linear      overstress K x          Bingham, Perzyna with exponent 1
     power       overstress K x^(1/n)    Perzyna, x = ((sigma - R)/K)^n
@@ -31,13 +31,13 @@ SLOWEST = 1e-250
 """Rate in place of zero where the slope of the overstress would be infinite."""
 
 RATES = np.geomspace(1e-12, 1e6, 37)
-"""Rates at which laws are looked at."""
+"""Rates at which laws are checked."""
 
 Exponent = Annotated[float, Check(require_number, least=1, most=50)]
 
 
 class RateLaw(Potential):
-    """A potential of the rate x of PEEQ; one's own law is a frozen dataclass.
+    """A potential of the rate x of PEEQ; a law of your own is a frozen dataclass.
 
     ``energy`` is Phi(x) (power per volume), ``stress`` the overstress of a bar, 0 at x = 0, and
     ``slope`` its derivative, finite.
@@ -91,7 +91,7 @@ class Norton(RateLaw):
 
 
 def check_rate(law: RateLaw, mesh: Mesh) -> None:
-    """Accept an overstress that is finite, 0 at rest, and never falls."""
+    """Accept an overstress that is finite, 0 at rest and not decreasing."""
     there = law.at(lambda value: require_field("rate", value, mesh))
     before = there.stress(0.0)
     if np.abs(before).max() > 0:

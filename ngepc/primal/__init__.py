@@ -1,1 +1,1 @@
-"""The independent witness: Newton's method for the reduced primal energy."""
+"""An independent second solver: Newton's method for the reduced primal energy."""

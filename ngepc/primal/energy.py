@@ -74,7 +74,7 @@ class ReducedEnergy(DiscreteBody):
         self._tangent = SymbolicStiffness(*given, self._power, self._enter)
 
     def __reduce__(self) -> tuple:
-        """NGSolve's forms are not pickled: they are made again."""
+        """NGSolve's forms are not pickled, but made again."""
         return ReducedEnergy, (self.problem,)
 
     def at(self, u: np.ndarray) -> EnergyPoint:
@@ -132,7 +132,7 @@ class ReducedEnergy(DiscreteBody):
 
 @dataclass(frozen=True, eq=False)
 class EnergyPoint:
-    """The reduced energy at one displacement: what was found stays, wherever else one looks.
+    """The reduced energy at one displacement; it does not depend on later evaluations elsewhere.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class EnergyPoint:
     u: np.ndarray
 
     def __reduce__(self) -> tuple:
-        """Coefficients of NGSolve are not pickled: they are made again."""
+        """Coefficients of NGSolve are not pickled, but made again."""
         return EnergyPoint, (self.reduced, self.u)
 
     @cached_property

@@ -31,13 +31,13 @@ from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem
 
 YIELD_ROUNDING = 1e-9
-"""Part of beta by which |s| has to exceed beta, for the tangent of an elastic point to change.
+"""Points are plastic in the tangent if |s| exceeds beta by more than this part.
 
 A load step starts with |s| = beta wherever the last one has yielded, up to rounding.  These points
 count as elastic: unloading then needs one Newton step.
 """
 
-MOST_STEPS = 200  # of Newton's method at a point: with a power law of the rate it begins far away
+MOST_STEPS = 200  # of Newton's method at a point; many with a power law of the rate
 NOTHING = (
     1e-200  # overstress in place of zero, where powers have no derivative for NGSolve
 )
@@ -91,7 +91,7 @@ class LinearReturn:
         self.energy = beta * self.gained
 
     def update(self) -> None:
-        """A closed form needs none."""
+        """Nothing to do: the form is closed."""
 
 
 class LawReturn:
@@ -209,7 +209,7 @@ class ReturnMapping:
         self.hardening_energy = self._return.energy
         self.plastic_increment = self._return.gained / length * s
 
-        # what the return leaves of s; the stress without the cancellation of e and p
+        # the part of s that remains; this avoids the cancellation of e and p in the stress
         h = self._h
         self._retained = (h + self._two_mu * self.bound / length) / self._modulus
         deviator = self.kinematics.tensor(self._retained * s) + back
@@ -248,7 +248,7 @@ class ReturnMapping:
         return 0.5 * (volume + shape + 2 * self.hardening_energy + constant)
 
     def update(self) -> None:
-        """Solve at the points, where a law of hardening or of the rate leaves no closed form."""
+        """Solve at the points if a law of hardening or of the rate has no closed form."""
         self._return.update()
 
     def flowing(self) -> float:

@@ -4,9 +4,9 @@ The plastic strain is eliminated point by point (``return_mapping``); what is le
 differentiable energy under the contact conditions N u <= gaps.  All iterates but the start are
 feasible and every step goes downhill.
 
-Everything is assembled from symbolic forms of NGSolve: it is the independent witness of
-``ngepc.local``, with which it shares supports, loads, integration rules, contact rows, factors and
-the loop (``results.iteration``); energy, tangent and plastic strain are its own.
+Everything is assembled from symbolic forms of NGSolve: it checks ``ngepc.local`` independently,
+with which it shares supports, loads, integration rules, contact rows, factors and the loop
+(``results.iteration``); energy, tangent and plastic strain are its own.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from ngepc.results.result import DiscreteSolution
 
 @dataclass(frozen=True, kw_only=True)
 class PrimalOptions(Declared):
-    """How far ``primal_newton`` iterates.
+    """Options of ``primal_newton``.
 
     Parameters
     ----------
     tolerance
-        Bound for ``residual_norm``: the Euclidean norm of the nodal forces out of balance and of
-        what contact leaves, relative to the larger of the norms of applied and internal forces,
-        or to the smaller of beta/h and 4e-6 |K| |u|, where strains cancel; in [1e-13, 1).
+        Bound for ``residual_norm``: the Euclidean norm of the residual forces and of the contact
+        defect, relative to the larger of the norms of applied and internal forces, or to the
+        smaller of beta/h and 4e-6 |K| |u|, where strains cancel; in [1e-13, 1).
     max_iterations
         Newton steps before the run gives up, >= 1.
     inverse
@@ -77,12 +77,12 @@ class PrimalResult(DiscreteSolution):
 
     @cached_property
     def dual_energy(self) -> float:
-        """-J at the solution by an identity that only the solution satisfies.
+        """-J by an identity that holds at the solution only.
 
         J = 1/2 (l(u, p) + int beta |p| - contact forces . N u + <reactions, prescribed u>), (2.15),
         (2.16), without friction; with friction its work is added.  With a law of hardening the
-        integral is what makes the sum twice J.  The sum with ``primal_energy`` is a measure of what
-        is left.
+        integral is chosen such that the sum is 2 J.  The sum with ``primal_energy`` measures the
+        remaining error.
         """
         state = self.state
         problem = self.problem

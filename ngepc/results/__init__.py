@@ -1,1 +1,1 @@
-"""What a solver gives back and how it is kept: statuses, histories, fields, forces, files."""
+"""Results of the solvers: statuses, histories, fields, forces, and files that keep them."""

@@ -1,4 +1,4 @@
-"""Checkpoints: arrays and a record in one file, written whole or not at all.
+"""Checkpoints: arrays and a record in one file, written atomically.
 
 A checkpoint carries a fingerprint of the work it belongs to.  A file that cannot be read, or that
 belongs to other work or to another version, is refused with a message and never overwritten.
@@ -29,7 +29,7 @@ FORMAT = 2
 
 
 class Checkpoint(NamedTuple):
-    """What a checkpoint file holds: numbers, texts, lists and dictionaries, and arrays by name."""
+    """The contents of a checkpoint: a record (numbers, texts, lists, dictionaries) and arrays."""
 
     record: dict
     arrays: dict[str, np.ndarray]
@@ -69,7 +69,7 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
             raise ValueError("it is incomplete")
     except (
         Exception
-    ) as error:  # damaged archives make NumPy and zipfile raise almost anything
+    ) as error:  # NumPy and zipfile raise errors of many kinds for damaged archives
         raise ValueError(
             f"checkpoint {path} is damaged or no checkpoint ({error}): move it away"
         ) from error
@@ -88,7 +88,7 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
 
 
 def array_of(path: Path, arrays: Mapping, name: str, size: int) -> np.ndarray:
-    """A stored array of so many finite real numbers; a ValueError with the file's name if not."""
+    """A stored array of ``size`` finite numbers; a ValueError with the file's name if it is not."""
     found = arrays.get(name)
     legal = found is not None and found.dtype == float and found.shape == (size,)
     if not legal or not np.isfinite(found).all():
@@ -101,7 +101,7 @@ def array_of(path: Path, arrays: Mapping, name: str, size: int) -> np.ndarray:
 
 
 def work_fingerprint(kind: str, problem: Problem, **more: object) -> dict:
-    """What stored work belongs to: the version, the mesh, the data, and ``more``."""
+    """The fingerprint of a work: the version, the mesh, the data, and ``more``."""
     mesh = problem.mesh.ngmesh
     elements = mesh.Elements2D() if problem.N == 2 else mesh.Elements3D()
     return {

@@ -5,7 +5,7 @@ reads
 
     int sigma : eps(v) = [int_Gn g . v + int f . v] + <contact, v> + <reaction, v>,
 
-so the reactions are what the stress needs at the held components beyond loads and contact.
+so the reactions balance the stress, the loads and contact at the held components.
 Rigid motions have no strain: the three forces add up to zero, up to the imbalance that the solver
 has left at the free components.  So do their moments where rotations are P1 displacements, on
 straight elements; curved ones leave an error of higher order in h.

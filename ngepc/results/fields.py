@@ -1,4 +1,4 @@
-"""What follows from a displacement and a plastic strain: stresses, yield function, zones."""
+"""Fields that follow from a displacement and a plastic strain: stresses, yield function, zones."""
 
 import math
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ def frobenius(A: CoefficientFunction) -> CoefficientFunction:
 
 
 class Quantities:
-    """Everything that (u, p) says about the body at the end of the step, as drawable coefficients.
+    """Quantities of (u, p) at the end of the step, as coefficient functions that can be drawn.
 
     u (length) is a vector, p, what is gained of the plastic strain in this step, has d coordinates.
     """
@@ -136,7 +136,7 @@ class Quantities:
 
     @property
     def accumulated_plastic_strain(self) -> CoefficientFunction:
-        """PEEQ: what the steps before left plus (2/3)^(1/2) |p|, scalar (1)."""
+        """PEEQ: the value of earlier steps plus (2/3)^(1/2) |p|, scalar (1)."""
         return self.problem.accumulated_0 + PEEQ * Norm(self.plastic_increment)
 
     def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
@@ -146,7 +146,7 @@ class Quantities:
 
 @dataclass(frozen=True, eq=False)
 class Fields(Quantities):
-    """The quantities of a displacement and a plastic strain, whatever they come from.
+    """The quantities of a displacement and a plastic strain, from any source.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and the check before the work that they can be."""
+"""Files that are written atomically, and a check before the work that they can be written."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 ROOM = 1 << 20
-"""Bytes that must fit where results will go, checked before the work."""
+"""Free bytes that are needed where results are written, checked before the work."""
 
 
 def check_writable(path: Path) -> None:
     """Raise OSError now, not after the work, if ``path`` cannot be written.
 
-    A missing folder is made.  A device or a pipe is left alone but for its permissions.
+    A missing folder is made.  Of a device or a pipe only the permissions are checked.
     """
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder: name a file")
@@ -39,7 +39,7 @@ def check_folder(folder: Path) -> None:
 
 
 def _named(error: OSError, place: str) -> OSError:
-    """The same error with what cannot be written in place of a temporary name."""
+    """The same error with the name of the file in place of the temporary name."""
     return type(error)(
         error.errno, f"{place} cannot be written: {error.strerror or error}"
     )
@@ -47,7 +47,7 @@ def _named(error: OSError, place: str) -> OSError:
 
 @contextmanager
 def no_empty_folders(paths: Iterable[Path]) -> Iterator[None]:
-    """Whatever happens inside, folders made for ``paths`` go again if nothing was put into them."""
+    """At the end, folders that were made for ``paths`` are removed if they are empty."""
     new = [p for path in paths for p in (path, *path.parents) if not p.exists()]
     try:
         yield
@@ -63,7 +63,7 @@ def is_special(path: Path) -> bool:
 
 
 def replace_contents(path: Path, content: bytes) -> None:
-    """Write a file atomically: its old contents stay until the new ones are on disk.
+    """Write a file atomically: the old contents stay until the new ones are on disk.
 
     Devices and pipes are written directly.
 
@@ -88,7 +88,7 @@ def replace_contents(path: Path, content: bytes) -> None:
             os.fsync(stream.fileno())
         Path(name).chmod(0o644)
         Path(name).replace(path)
-    except BaseException as error:  # after Ctrl-C too the unfinished file goes
+    except BaseException as error:  # the unfinished file is removed, after Ctrl-C too
         Path(name).unlink(missing_ok=True)
         if isinstance(error, OSError):
             raise _named(error, str(path)) from error

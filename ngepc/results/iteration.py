@@ -1,7 +1,7 @@
-"""The Newton loop of both exact methods: tests first, each with its reason, then a step.
+"""The Newton loop shared by the exact and the primal method: check for termination, take a step.
 
-A step goes towards the minimum of Newton's model over N u <= gaps, friction included, as far as the
-energy falls.  A tangent has ``linearise(state)`` and ``solve(forces)``, both (nodes, N);
+A step goes towards the minimum of Newton's model over N u <= gaps, with friction; the step length
+decreases the energy.  A tangent has ``linearise(state)`` and ``solve(forces)``, both (nodes, N);
 ``examined`` are the most solves that tell whether friction allows other equilibria, ``stiffened``,
 if there is one, makes ``solve`` with springs of the rows.
 """
@@ -33,13 +33,13 @@ log = logging.getLogger(__name__)
 LINE = "it:%(iteration)4d residual:%(residual_norm).3e energy:%(energy).12e"
 
 FREE = 100.0
-"""|p| beyond which a body that hardens no more is on its way to infinity."""
+"""Without hardening, a larger |p| shows that the load is beyond the limit load."""
 
 SETTLED = 0.5
-"""Within rounding, a step that leaves more than this part of the residual ends the run."""
+"""Near rounding, the run ends if a step leaves more than this part of the residual."""
 
 QUADRATIC = 5.0
-"""After a full step that divides the residual by more, convergence ends on the sphere."""
+"""After a full step that divides the residual by more, w is set to the radial return."""
 
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
@@ -52,7 +52,7 @@ Its arguments are the state, the tangent, and the residual norm one iterate befo
 
 
 class ExactTarget:
-    """Newton's model solved exactly; what the rows answer is learned from step to step."""
+    """Newton's model solved exactly; the compliance of the contact rows is kept between steps."""
 
     def __init__(self, body: DiscreteBody) -> None:
         self._compliance = body.compliance()
@@ -118,7 +118,7 @@ def newton_iteration(
 def record_of(
     state: Iterate, tangent: Any, number: int, length: float, trials: int
 ) -> IterationRecord:
-    """What the history keeps of a state and of the step that led to it."""
+    """The history record of a state and of the step that led to it."""
     area = state.body.contact.area
     return IterationRecord(
         iteration=number,
@@ -163,7 +163,7 @@ def newton_step(
 
 
 def slope_rounding(here: Iterate, change: np.ndarray, contact: np.ndarray) -> float:
-    """What rounding leaves of a slope, also where du is nothing but rounding of u itself."""
+    """The rounding error of a slope, also where du is only a rounding error of u."""
     body, processes = here.body, here.body.contact.processes
     size = np.abs(here.u)
     forces = np.abs(contact)
@@ -188,7 +188,7 @@ def end_of(
     tolerance: float,
     max_iterations: int,
 ) -> tuple[Status | None, str]:
-    """Whether the run ends with a state, the residual before it, and why; None to go on."""
+    """The status and message if the run ends at a state; a status of None to go on."""
     steps = len(history.records) - 1
     residual = here.residual_norm
     if not np.isfinite(residual + here.energy):
@@ -223,7 +223,7 @@ def no_descent(here: Iterate) -> tuple[Status, str]:
 
 
 def limited_by_rounding(here: Iterate, after: str) -> str:
-    """The sentences for a tolerance that rounding does not let any iterate meet."""
+    """The message for a tolerance below the rounding error of the residual."""
     return (
         f"{after} relative residual is {here.residual_norm:.3g}. Rounding alone leaves about "
         f"{here.rounding:.2g} of it: strains as large as these cancel in the stress, the hardening "

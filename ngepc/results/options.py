@@ -1,4 +1,4 @@
-"""How Newton's method is run, by the exact method and by the paper's."""
+"""Options of Newton's method, for the exact method and for the paper's."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ngepc.linalg.linesearch import Armijo, LineSearch
 
 @dataclass(frozen=True, kw_only=True)
 class NewtonOptions(Declared):
-    """How Newton's method is run; what is marked (D_gamma) is for regularised problems alone.
+    """Options of Newton's method; those marked (D_gamma) are for regularised problems alone.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How a run ended, a named status, and the history of its steps."""
+"""The status of a run, and the history of its steps."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Status(Enum):
 
     @property
     def is_success(self) -> bool:
-        """Whether what was asked for was reached."""
+        """Whether the run succeeded."""
         return self in (Status.CONVERGED, Status.BOUNDED, Status.NOT_UNIQUE)
 
 
@@ -137,17 +137,17 @@ class Ending:
     message: str
 
     def __str__(self) -> str:
-        """What ``print`` shows: the summary on one line, and below it the message."""
+        """The summary on one line, and the message below it."""
         return "\n".join(filter(None, (repr(self), self.message)))
 
     def raise_for_status(self: Ended) -> Ended:
-        """The result itself if what was asked for was reached, else a SolverError that keeps it."""
+        """The result itself if the run succeeded; otherwise raise a SolverError that keeps it."""
         if not self.status.is_success:
             raise SolverError(self)
         return self
 
     def or_interrupted(self: Ended) -> Ended:
-        """The result itself; KeyboardInterrupt if it was stopped, which ends a series as well."""
+        """The result itself; KeyboardInterrupt if it was stopped, to end a series of runs."""
         if self.status is Status.STOPPED:
             raise KeyboardInterrupt
         return self

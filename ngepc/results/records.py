@@ -1,4 +1,4 @@
-"""Records of solves as JSON: a documented list of fields with a version, and where they came from.
+"""Records of solves as JSON: fields that are documented and versioned, with their provenance.
 
 ``FIELDS`` is schema 1 of ``ngepc solve --json``.  ``ngepc path --json`` has the same fields about
 its last solve, with those of the path (``gammas``, ``path_values``, ``changes``,
@@ -23,7 +23,7 @@ from ngepc._version import __version__
 from ngepc.results.files import replace_contents
 
 SCHEMA = 1
-"""Grows when a field changes its meaning or goes; new fields leave it."""
+"""Version of the list: it grows if a field changes its meaning or is removed."""
 
 FIELDS = {
     "schema": "version of this list",
@@ -60,7 +60,7 @@ FIELDS = {
 
 
 def provenance() -> dict[str, Any]:
-    """Versions and the command that a result came from."""
+    """The command that made a result, and versions."""
     program = Path(sys.argv[0])
     name = (
         f"python -m {program.parent.name}"
@@ -82,7 +82,7 @@ def l2_norm(field: Any, mesh: Any) -> float:
 
 
 def solve_record(name: str, result: Any, wall_time: float) -> dict[str, Any]:
-    """One solve as a dictionary, the part of ``FIELDS`` that the result knows."""
+    """One solve as a dictionary, with the fields of ``FIELDS`` that the result provides."""
     mesh = result.problem.mesh
     history = result.history
     told = ("message", "iterations", "dual_energy", "primal_energy", "residual_norm")
@@ -122,5 +122,5 @@ def _finite(value: Any) -> Any:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all, see ``files.replace_contents``."""
+    """Write a text file atomically, see ``files.replace_contents``."""
     replace_contents(path, text.encode())

@@ -1,4 +1,4 @@
-"""What solvers give back: quantities, forces, energies, contact, and what a user must know."""
+"""Results of the solvers: quantities, forces, energies, contact, and notes for the user."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ SMALL_ROTATION = 0.05
 
 
 class Result(Quantities, Ending):
-    """What the results of all solvers have in common, there whatever the status says.
+    """What the results of all solvers have in common, available for every status.
 
-    Those that inherit have the ``Quantities`` and what is declared here.
+    Subclasses have the ``Quantities`` and what is declared here.
     """
 
     history: History  # the records of the iterates
@@ -78,7 +78,7 @@ class Result(Quantities, Ending):
         return self.equilibrium.resultant(self.equilibrium.reaction)
 
     def summary(self) -> dict[str, str]:
-        """What a user must know of a result: name -> text."""
+        """The summary of a result: name -> text."""
         problem, mesh = self.problem, self.problem.mesh
         size = f"{nodes_of(mesh)} nodes, {problem.processes.total(mesh.ne)} elements"
         rows = {
@@ -111,7 +111,7 @@ class Result(Quantities, Ending):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiscreteSolution(Result):
-    """What both exact methods tell of a solution with contact rows, there whatever the status.
+    """Quantities of both exact methods for contact rows, available for every status.
 
     They have ``largest_strain`` besides, the largest |eps(u)| at the points.
     """
@@ -356,7 +356,7 @@ class DiscreteSolution(Result):
 
 
 def large_motion(strain: float, rotation: float) -> str:
-    """What linearised strains neglect at the largest strain and rotation (rad) of a body."""
+    """A note on what linearised strains neglect at the largest strain and rotation (rad)."""
     spurious = rotation**2 / 2
     return (
         f"Strains reach {100 * strain:.2g} percent and rotations {rotation:.2g} rad, and are "
