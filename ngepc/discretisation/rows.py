@@ -50,7 +50,7 @@ SHAPES = tuple(EDGES)
 JUMP = 0.4
 """A gap jumps where it misses its polynomial by more than this part of what the coefficient and the
 value at a node differ by."""
-ZERO_GAP = 1e-9  # part of the largest gap that is no jump
+ZERO_GAP = 1e-9  # smaller differences, as a part of the largest gap, are no jump
 HELD = 1e-8  # a row with a smaller free part is held by the support: no contact can happen there
 
 

@@ -63,8 +63,8 @@ def is_polynomial(value: Coefficient | None) -> bool:
     """Whether a coefficient is known to be a polynomial on each element.
 
     Numbers, functions of finite element spaces, sums and products of these, of coordinates and of
-    the outward normal are.  NGSolve's text of an expression decides: what it does not name is taken
-    for something else.
+    the outward normal are.  The text of the expression decides; operands that it does not name
+    count as other functions.
     """
     if value is None or is_number(value) or not isinstance(value, CoefficientFunction):
         return True
