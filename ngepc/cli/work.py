@@ -343,14 +343,16 @@ def report(args: argparse.Namespace) -> int:
     *figures, residuals = standard_figures(
         result, THRESHOLDS[record["problem"]]
     ).values()
-    numbers = [{"what": key.replace("_", " "), "value": record[key]} for key in NUMBERS]
+    numbers = [
+        {"quantity": key.replace("_", " "), "value": record[key]} for key in NUMBERS
+    ]
     page = write_report(
         args.out or args.run_file.with_suffix(".html"),
         f"{record['problem']}: {record['method']} method on {record['nodes']} nodes",
         ("The problem", [problem]),
         ("Numbers", [numbers, *filter(None, [record["message"]])]),
         ("The deformed body", [view, *figures]),
-        ("How the solver got there", [residuals]),
+        ("Convergence of the solver", [residuals]),
         footer=", ".join(f"{key} {record[key]}" for key in PROVENANCE),
     )
     name_written([page])

@@ -24,6 +24,7 @@ from ngepc.pictures.wording import (
     describe_problem,
     describe_result,
     flat_rows,
+    number,
 )
 from ngepc.results.records import write_text
 from ngepc.results.result import Result
@@ -44,9 +45,10 @@ img { max-width: 100%; }
 @page { size: A4; margin: 16mm 14mm; }
 @media print {
   body { max-width: none; padding: 0; font-size: 10.5pt; }
-  .wide { overflow: visible; }
+  .wide { overflow: visible; break-inside: avoid; }
   table { width: 100%; font-size: 8.5pt; }
-  th, td { padding: .15rem .35rem; overflow-wrap: anywhere; }
+  th, td { padding: .15rem .35rem; overflow-wrap: anywhere; min-width: 3em; }
+  img { max-height: 94mm; }
   tr, img, h2 { break-inside: avoid; }
   h2 { break-after: avoid; }
   iframe { display: none; }
@@ -100,11 +102,11 @@ def write_report(
     require_text("title", title)
     require_text("footer", footer)
     content = []
-    for number, section in enumerate(sections):
+    for place, section in enumerate(sections):
         parts = [section]
         if isinstance(section, Result | Evolution):
             parts = standard_sections(section, units)
-        for heading, pieces in (section_of(number, part) for part in parts):
+        for heading, pieces in (section_of(place, part) for part in parts):
             content.append(f"<h2>{html.escape(heading)}</h2>")
             content += [_piece(piece, units) for piece in pieces]
     texts = {
@@ -116,7 +118,7 @@ def write_report(
     return path
 
 
-def section_of(number: int, section: object) -> Section:
+def section_of(place: int, section: object) -> Section:
     """A pair of a heading and contents; TypeError for anything else."""
     pair = isinstance(section, tuple | list) and len(section) == 2
     listed = (
@@ -124,8 +126,8 @@ def section_of(number: int, section: object) -> Section:
     )
     if not listed:
         needed = "a result, a history, or a pair of a heading and a list of contents"
-        raise TypeError(f"sections[{number}]={section!r}: {needed} is needed")
-    require_text(f"sections[{number}][0]", section[0])
+        raise TypeError(f"sections[{place}]={section!r}: {needed} is needed")
+    require_text(f"sections[{place}][0]", section[0])
     return section
 
 
@@ -135,20 +137,21 @@ def standard_sections(source: Result | Evolution, units: UnitNames) -> list[Sect
         return _of_history(source, units)
     message = [source.message] if source.message else []
     drawn = [
-        ("The problem", [source.problem, plot_mesh(source.problem)]),
+        ("The problem", [source.problem, mesh_picture(source.problem, units)]),
         ("The answer", [describe_result(source, units), *message]),
         ("Pictures", list(_pictures(source, units))),
     ]
     if len(source.history.records) > 1:
-        drawn.append(("How the solver got there", [plot_history(source.history)]))
+        drawn.append(("Convergence of the solver", [plot_history(source.history)]))
     return drawn
 
 
 def _of_history(history: Evolution, units: UnitNames) -> list[Section]:
     """The sections of a history: its steps in a table, curves, the last step in pictures."""
     told = f"{len(history.steps)} steps: {history.status}. {history.message}"
-    sections = [("The problem", [history.problem, plot_mesh(history.problem)])]
-    sections.append(("The steps", [told.strip(), describe_history(history)]))
+    mesh = mesh_picture(history.problem, units)
+    sections = [("The problem", [history.problem, mesh])]
+    sections.append(("The steps", [told.strip(), describe_history(history, units)]))
     if not history.steps:
         return sections
     touches = history.problem.touching_names
@@ -160,6 +163,16 @@ def _of_history(history: Evolution, units: UnitNames) -> list[Section]:
     last = history.steps[-1]
     heading = f"The last step, time {last.record.time:g}"
     return [*sections, (heading, list(_pictures(last, units)))]
+
+
+def mesh_picture(problem: Problem, units: UnitNames) -> Figure:
+    """The mesh with the names of its boundaries, and the unit of length in the plane."""
+    figure = plot_mesh(problem)
+    if problem.N == 2:
+        axes = figure.axes[0]
+        axes.set_xlabel(f"x{units.of('length')}")
+        axes.set_ylabel(f"y{units.of('length')}")
+    return figure
 
 
 def _pictures(source: object, units: UnitNames) -> Iterator[Figure]:
@@ -235,12 +248,12 @@ def html_table(rows: Sequence[Mapping[str, object]]) -> str:
     for row in rows:
         cells = []
         for value in map(row.get, columns):
-            shown = (
-                f"{value:.4g}".replace("-", "−") if isinstance(value, float) else value
-            )
+            shown = number(value, digits=4) if isinstance(value, float) else value
             kind = ' class="text"' if isinstance(value, str) else ""
             cells.append(
                 f"<td{kind}>{'' if shown is None else html.escape(str(shown))}</td>"
             )
         lines.append("".join(cells))
-    return f'<div class="wide"><table><tr>{"</tr><tr>".join(lines)}</tr></table></div>'
+    head = f"<thead><tr>{lines[0]}</tr></thead>"
+    body = f"<tbody><tr>{'</tr><tr>'.join(lines[1:])}</tr></tbody>"
+    return f'<div class="wide"><table>{head}{body}</table></div>'

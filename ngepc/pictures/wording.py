@@ -5,14 +5,17 @@ Every row has what it is and its value with the unit; there are no vectors and n
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngepc.bounds.bound import error_bound
+from ngepc.bounds.goal_bound import goal_bound
 from ngepc.checks.arguments import is_number, sample
 from ngepc.evolution.result import Evolution
+from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
 from ngepc.model.hardening import HardeningLaw
 from ngepc.model.material import PEEQ, Material
@@ -37,20 +40,65 @@ GIVEN = {
 """Arguments of ``Material.metal`` -> words, and their unit."""
 
 
+FORCES = {
+    ("mm", "MPa"): "N",
+    ("mm", "GPa"): "kN",
+    ("m", "Pa"): "N",
+    ("m", "kPa"): "kN",
+    ("m", "MPa"): "MN",
+}
+"""Units of length and stress -> the unit of stress times an area."""
+
+SMALLEST = 1e-4
+"""Smaller numbers are written with a power of ten."""
+LARGEST = 1e7
+"""Numbers from here on are written with a power of ten."""
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
 def unit_of(units: UnitNames, kind: str) -> str:
     """What stands behind a number."""
     name = getattr(units, kind, "")
     return f" {name}" if name else ""
 
 
-def number(value: float, unit: str = "") -> str:
-    """A number with five digits and its unit."""
-    return f"{value:.5g}{unit}".replace("-", "−")
+def force_unit(units: UnitNames, problem: Problem) -> str:
+    """The unit of forces: stress times an area, in plane models without thickness per length."""
+    length, stress = units.length, units.stress
+    if not (length and stress):
+        return ""
+    per_length = problem.N == 2 and not is_whole_body(problem)
+    area = FORCES.get((length, stress))
+    if area is None:
+        return f" {stress}·{length}" if per_length else f" {stress}·{length}²"
+    return f" {area}/{length}" if per_length else f" {area}"
 
 
-def row(what: str, value: object) -> dict[str, object]:
+def is_whole_body(problem: Problem) -> bool:
+    """Whether forces in the plane are those of a whole ring or of a given thickness."""
+    return problem.kinematics.hoop or problem.thickness is not None
+
+
+def number(value: float, unit: str = "", digits: int = 5) -> str:
+    """A number as engineers write it, with its unit: 210000 MPa, 0.0287, 4.2·10⁻¹³.
+
+    All digits before the decimal point are written; ``digits`` of them count otherwise.
+    """
+    size = abs(value)
+    if size >= 10 ** (digits - 1) and size < LARGEST:
+        text = f"{value:.0f}"
+    elif value == 0 or SMALLEST <= size < LARGEST or not math.isfinite(value):
+        text = f"{value:.{digits}g}"
+    else:
+        factor, power = f"{value:.{digits - 1}e}".split("e")
+        factor = factor.rstrip("0").rstrip(".")
+        text = f"{factor}·10{str(int(power)).translate(SUPERSCRIPTS)}"
+    return f"{text}{unit}".replace("-", "−")
+
+
+def row(quantity: str, value: object) -> dict[str, object]:
     """A row of a table."""
-    return {"what": what, "value": value}
+    return {"quantity": quantity, "value": value}
 
 
 def amount(value: object, unit: str) -> str:
@@ -193,32 +241,64 @@ def _contact(problem: Problem, units: UnitNames) -> Rows:
 
 
 def describe_result(result: Result, units: UnitNames = PLAIN) -> Rows:
-    """The answer in numbers: how it ended, extremes of the fields, forces, how exact it is."""
-    problem = result.problem
+    """The answer in numbers: forces, extremes of the fields, the error, how the run ended."""
     length = unit_of(units, "length")
     stress = unit_of(units, "stress")
     fields = result.fields
-    rows = [
-        row("status", str(result.status).replace("_", " ")),
-        row("Newton steps", str(result.iterations)),
-        row("relative residual", f"{result.residual_norm:.1e}"),
+    peeq = number(largest(fields, "accumulated_plastic_strain"))
+    return [
+        *contact_rows(result, units),
         row("largest displacement", number(largest(fields, "displacement"), length)),
         row("largest von Mises stress", number(largest(fields, "von_mises"), stress)),
-        row(
-            "largest equivalent plastic strain (PEEQ)",
-            number(largest(fields, "accumulated_plastic_strain")),
-        ),
+        row("largest equivalent plastic strain (PEEQ)", peeq),
+        *reaction_rows(result, units),
+        row("error of the mesh", how_exact(result)),
+        row("status", str(result.status).replace("_", " ")),
+        row("Newton steps", str(result.iterations)),
+        row("relative residual", number(result.residual_norm, digits=2)),
     ]
-    if problem.touching_names:
-        pressure = largest_pressure(result)
-        rows.append(row("contact force", number(result.contact_force)))
-        rows.append(row("largest contact pressure", number(pressure, stress)))
+
+
+def contact_rows(result: Result, units: UnitNames) -> Rows:
+    """The contact force with its interval, and the largest pressure; nothing without contact."""
+    problem = result.problem
+    if not problem.touching_names:
+        return []
+    unit = force_unit(units, problem)
+    pressure = number(largest_pressure(result), unit_of(units, "stress"))
+    rows = [row("contact force", number(result.contact_force, unit))]
+    interval = interval_of_force(result, unit)
+    if interval:
+        rows.append(row("interval of the contact force", interval))
+    return [*rows, row("largest contact pressure", pressure)]
+
+
+def interval_of_force(result: Result, unit: str) -> str:
+    """Where the contact force of the continuous problem lies; '' where no interval is known.
+
+    In the plane, where it costs about as much as the solution.
+    """
+    if result.problem.N != 2 or not isinstance(result, ExactResult):
+        return ""
+    try:
+        found = goal_bound(result, "contact_force")
+    except (TypeError, ValueError, RuntimeError):
+        return ""
+    lower, upper = (number(end, digits=4) for end in found.interval)
+    proof = "guaranteed" if found.guaranteed else "computed, not proved"
+    return f"{lower} to {upper}{unit} ({proof})"
+
+
+def reaction_rows(result: Result, units: UnitNames) -> Rows:
+    """The forces of the supports on the body, without rounding errors."""
+    unit = force_unit(units, result.problem)
+    rows = []
     for place, force in result.equilibrium.reactions.items():
         rounded = np.where(np.abs(force) > 1e-9 * np.abs(force).max(), force, 0.0)
         for letter, component in zip("xyz", rounded, strict=False):
             what = f"force of support {str(place)!r} on the body, {letter}"
-            rows.append(row(what, number(component)))
-    return [*rows, row("error of the mesh", how_exact(result))]
+            rows.append(row(what, number(component, unit)))
+    return rows
 
 
 def largest(fields: Fields, name: str) -> float:
@@ -234,32 +314,54 @@ def largest_pressure(result: Result) -> float:
 
 
 def how_exact(result: Result) -> str:
-    """The guaranteed bound of the error in energy, or why there is none."""
+    """The bound of the error in energy, an estimate where there is none, or why not."""
     if not isinstance(result, ExactResult):
-        return "not bounded: the exact method is needed"
+        return "not known: the exact method is needed"
     try:
         bound = error_bound(result)
-    except (TypeError, ValueError) as error:
-        return f"not bounded: {str(error).partition(': ')[2] or error}"
-    return f"at most {100 * bound.relative:.2g} percent in energy, guaranteed"
+    except (TypeError, ValueError, RuntimeError):
+        return estimated(result)
+    size = f"{100 * bound.relative:.2g} percent of the energy"
+    if bound.guaranteed:
+        return f"at most {size}, guaranteed"
+    return f"at most {size}, by samples of the data"
+
+
+def estimated(result: ExactResult) -> str:
+    """The estimate of the error in energy from recovered stresses."""
+    try:
+        error = sum(error_indicators(result).vec)
+    except (TypeError, ValueError) as reason:
+        return f"not known: {str(reason).partition(': ')[2] or reason}"
+    part = error / abs(result.primal_energy) if result.primal_energy else 0.0
+    return (
+        f"about {100 * part:.2g} percent of the energy, an estimate without guarantee"
+    )
 
 
 COLUMNS = {
-    "time": "time",
-    "iterations": "Newton steps",
-    "contact_force": "contact force",
-    "max_contact_pressure": "largest pressure",
-    "max_plastic_strain": "largest |p|",
-    "dissipation": "dissipation",
-    "elastic_energy": "elastic energy",
+    "time": ("time", ""),
+    "iterations": ("Newton steps", ""),
+    "contact_force": ("contact force", "force"),
+    "max_contact_pressure": ("largest pressure", "stress"),
+    "max_plastic_strain": ("largest |p|", ""),
+    "dissipation": ("dissipation", "energy"),
+    "elastic_energy": ("elastic energy", "energy"),
 }
-"""Columns of the table of a history -> their headings."""
+"""Columns of the table of a history -> their headings, and the kinds of their units."""
 
 
-def describe_history(history: Evolution) -> Rows:
+def describe_history(history: Evolution, units: UnitNames = PLAIN) -> Rows:
     """A row of numbers for each step."""
+    force = force_unit(units, history.problem).strip()
+    names = {"stress": units.stress, "force": force}
+    names["energy"] = f"{force}·{units.length}" if force else ""
+    heads = {
+        name: f"{words} ({names[kind]})" if names.get(kind) else words
+        for name, (words, kind) in COLUMNS.items()
+    }
     return [
-        {words: getattr(step.record, name) for name, words in COLUMNS.items()}
+        {words: getattr(step.record, name) for name, words in heads.items()}
         for step in history.steps
     ]
 

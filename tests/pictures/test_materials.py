@@ -50,7 +50,7 @@ def test_bad_arguments_are_named():
 
 def test_reports_show_engineering_constants():
     problem = Problem(block.structured_mesh(1, 1), METAL)
-    said = {row["what"]: row["value"] for row in describe_problem(problem, MPA)}
+    said = {row["quantity"]: row["value"] for row in describe_problem(problem, MPA)}
     assert float(said["Young's modulus E"].split()[0]) == 210e3
     assert said["Young's modulus E"].endswith(" MPa")
     assert said["Poisson's ratio"] == "0.3"

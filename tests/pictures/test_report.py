@@ -2,12 +2,13 @@
 
 import base64
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 from browser import Browser, chromium
-from ngsolve import CF, x
+from ngsolve import CF, sin, x
 from solved import lshape_dual, lshape_primal
 
 from ngepc import (
@@ -23,7 +24,14 @@ from ngepc.geometries import block, lshape
 from ngepc.pictures import UnitNames, plot_field
 from ngepc.pictures.report import html_table, narrow, write_report
 from ngepc.pictures.views import show, viewer_installed
-from ngepc.pictures.wording import describe_material, describe_problem, flat_rows
+from ngepc.pictures.wording import (
+    describe_material,
+    describe_problem,
+    describe_result,
+    flat_rows,
+    force_unit,
+    number,
+)
 
 ROWS = [
     {"gamma": 1e3, "paper": 8, "here": 7, "status": "converged"},
@@ -65,7 +73,7 @@ def test_tables_have_all_columns_in_order_of_appearance():
     assert read.rows == [
         ["gamma", "paper", "here", "status", "energy"],
         ["1000", "8", "7", "converged", ""],
-        ["1e−07", "", "12345678", "", "−0.1235"],
+        ["1·10⁻⁷", "", "12345678", "", "−0.1235"],
     ]
 
 
@@ -105,7 +113,7 @@ def test_a_problem_is_described_by_all_it_is_given():
         "contact": "contact|right",
     }
     problem = Problem(block.structured_mesh(2, 2), material, None, **given)
-    said = {row["what"]: row["value"] for row in describe_problem(problem)}
+    said = {row["quantity"]: row["value"] for row in describe_problem(problem)}
     assert said["mesh"] == "9 nodes, 4 elements of order 2"
     assert said["kinematics"] == "plane strain"
     assert said["contact of 'contact'"] == "rigid obstacle, gap 0.1"
@@ -121,17 +129,63 @@ def test_a_material_is_described_as_it_was_given():
     metal = {"young": 210e3, "poisson": 0.3, "yield_stress": 240.0}
     steel = Material.metal(**metal, tangent_modulus=2100.0)
     said = {
-        r["what"]: r["value"] for r in describe_material(steel, UnitNames("mm", "MPa"))
+        r["quantity"]: r["value"]
+        for r in describe_material(steel, UnitNames("mm", "MPa"))
     }
-    assert said["Young's modulus E"] == "2.1e+05 MPa"
+    assert said["Young's modulus E"] == "210000 MPa"
     assert said["yield stress R of a tensile test"] == "240 MPa"
     assert said["Poisson's ratio"] == "0.3"
     assert not any("Lam" in what for what in said)
     lame = lshape_primal().problem.material
-    said = {r["what"]: r["value"] for r in describe_material(lame)}
+    said = {r["quantity"]: r["value"] for r in describe_material(lame)}
     assert said["Young's modulus E"] == "2500"
     assert said["Poisson's ratio"] == "0.25"
     assert said["yield bound of |dev σ|"] == "1.25"
+
+
+def test_numbers_are_written_as_engineers_write_them():
+    wanted = {
+        210e3: "210000",
+        121153.8: "121154",
+        0.3: "0.3",
+        -26213.44: "−26213",
+        544.7512: "544.75",
+        0.00028696: "0.00028696",
+        4.2e-13: "4.2·10⁻¹³",
+        2.1e11: "2.1·10¹¹",
+        0.0: "0",
+    }
+    assert {value: number(value) for value in wanted} == wanted
+    assert number(1152.48, " MPa", digits=3) == "1152 MPa"
+
+
+def test_forces_have_the_unit_of_the_model():
+    mm = UnitNames("mm", "MPa")
+    plane = lshape_primal().problem
+    metal = plane.material
+    solid = Problem(block.structured_mesh(1, 1, 1), metal)
+    sheet = replace(plane, kinematics="plane stress", thickness=2.0, order=1)
+    ring = replace(plane, kinematics="axisymmetric")
+    units = [force_unit(mm, p) for p in (plane, solid, sheet, ring)]
+    assert units == [" N/mm", " N", " N", " N"]
+    assert force_unit(UnitNames("cm", "MPa"), solid) == " MPa·cm²"
+    assert force_unit(UnitNames("mm"), solid) == ""
+
+
+def test_the_error_is_called_guaranteed_only_if_it_is():
+    square = block.structured_mesh(4, 4, simplices=True)
+    metal = lshape_primal().problem.material
+    pressed = Problem(square, metal, "clamped", contact="contact", gap=-0.001)
+
+    def said(problem):
+        rows = describe_result(semismooth_newton(problem))
+        return {row["quantity"]: row["value"] for row in rows}["error of the mesh"]
+
+    assert said(pressed).endswith("of the energy, guaranteed")
+    wavy = replace(pressed, gap=1e-4 * sin(x) - 0.001)
+    assert said(wavy).endswith("by samples of the data")
+    rough = replace(pressed, friction=Coulomb(0.2))
+    assert said(rough).endswith("an estimate without guarantee")
 
 
 def test_vectors_and_mappings_get_columns_of_their_own():
@@ -166,8 +220,11 @@ def test_a_result_and_a_history_are_reports_of_their_own(tmp_path):
     for heading in ("The problem", "The answer", "Pictures", "The steps", "Curves"):
         assert f"<h2>{heading}</h2>" in text
     answer = dict(row for row in read.rows if len(row) == 2)
-    assert answer["contact force"] == f"{result.contact_force:.5g}"
-    assert answer["error of the mesh"].endswith("percent in energy, guaranteed")
+    assert answer["contact force"] == f"{result.contact_force:.5g} N/mm"
+    assert "percent of the energy" in answer["error of the mesh"]
+    interval = answer["interval of the contact force"].split()
+    assert float(interval[0]) < result.contact_force < float(interval[2])
+    assert interval[3] == "N/mm"
     assert answer["contact of 'contact'"] == "rigid obstacle, gap 0.1 mm"
     assert result.message in text
     assert not re.search(
@@ -190,6 +247,9 @@ def test_reports_print_on_a4_without_cut_tables(tmp_path):
         assert max(widths) <= 673
         assert tab.evaluate("document.documentElement.scrollWidth") <= 673
         pdf = tab.call("Page.printToPDF", preferCSSPageSize=True)["data"]
+        kept = "[...document.querySelectorAll('.wide')].every("
+        kept += "t => getComputedStyle(t).breakInside === 'avoid')"
+        assert tab.evaluate(kept)
     assert base64.b64decode(pdf).startswith(b"%PDF")
 
 
