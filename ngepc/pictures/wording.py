@@ -247,11 +247,11 @@ def describe_result(result: Result, units: UnitNames = PLAIN) -> Rows:
     fields = result.fields
     peeq = number(largest(fields, "accumulated_plastic_strain"))
     return [
-        *contact_rows(result, units),
+        *contact_answer(result, units),
         row("largest displacement", number(largest(fields, "displacement"), length)),
         row("largest von Mises stress", number(largest(fields, "von_mises"), stress)),
         row("largest equivalent plastic strain (PEEQ)", peeq),
-        *reaction_rows(result, units),
+        *reaction_answer(result, units),
         row("error of the mesh", how_exact(result)),
         row("status", str(result.status).replace("_", " ")),
         row("Newton steps", str(result.iterations)),
@@ -259,7 +259,7 @@ def describe_result(result: Result, units: UnitNames = PLAIN) -> Rows:
     ]
 
 
-def contact_rows(result: Result, units: UnitNames) -> Rows:
+def contact_answer(result: Result, units: UnitNames) -> Rows:
     """The contact force with its interval, and the largest pressure; nothing without contact."""
     problem = result.problem
     if not problem.touching_names:
@@ -289,7 +289,7 @@ def interval_of_force(result: Result, unit: str) -> str:
     return f"{lower} to {upper}{unit} ({proof})"
 
 
-def reaction_rows(result: Result, units: UnitNames) -> Rows:
+def reaction_answer(result: Result, units: UnitNames) -> Rows:
     """The forces of the supports on the body, without rounding errors."""
     unit = force_unit(units, result.problem)
     rows = []
@@ -320,14 +320,14 @@ def how_exact(result: Result) -> str:
     try:
         bound = error_bound(result)
     except (TypeError, ValueError, RuntimeError):
-        return estimated(result)
+        return estimated_error(result)
     size = f"{100 * bound.relative:.2g} percent of the energy"
     if bound.guaranteed:
         return f"at most {size}, guaranteed"
     return f"at most {size}, by samples of the data"
 
 
-def estimated(result: ExactResult) -> str:
+def estimated_error(result: ExactResult) -> str:
     """The estimate of the error in energy from recovered stresses."""
     try:
         error = sum(error_indicators(result).vec)
