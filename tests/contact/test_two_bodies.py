@@ -152,7 +152,7 @@ def test_contact_alone_holds_what_it_can(name, solver):
     assert ("not determined" in result.message) == (not friction)
 
 
-@pytest.mark.parametrize("widths", [(0.5, 0.17), (0.2, 0.17), (0.2, 0.5)])
+@pytest.mark.parametrize("widths", [(0.5, 0.3), (0.3, 0.5)])
 @pytest.mark.parametrize("friction", [None, 0.3, Coulomb(0.05), Coulomb(0.6)])
 def test_a_square_on_a_wider_block_spreads(widths, friction):
     """Its rows slip apart from the middle, whose place friction alone decides, if at all."""
