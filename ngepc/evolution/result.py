@@ -56,7 +56,8 @@ class Memory:
             "accumulated": problem.accumulated_0,
         }
         arrays = {name: points.at(v) for name, v in given.items()}
-        arrays |= law_of(problem, points).own_memory()
+        if problem.material.rate is None:  # which needs a time step, and keeps no more
+            arrays |= law_of(problem, points).own_memory()
         return cls(PointFunctions(points), arrays, problem.material)
 
     def after_step(self, step: EvolutionStep) -> Memory:
