@@ -28,6 +28,7 @@ SLOW = (
     "bounds/test_oscillation.py",
     "bounds/test_solid.py",
     "bounds/test_verdicts.py",
+    "campaigns",
     "cli",
     "contact/test_equilibria.py",
     "contact/test_floating.py",

@@ -1,6 +1,8 @@
 """Responses and their functions in JAX and PyTorch: values of solves, slopes of differences."""
 
+import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -89,3 +91,47 @@ def test_torch_differentiates_through_a_solve():
     loss.backward()
     assert float(loss) == pytest.approx(value**2, rel=1e-9)
     np.testing.assert_allclose(theta.grad.numpy(), 2 * value * slopes, rtol=1e-7)
+
+
+class Square(Response):
+    """The sum of squares: a response without a solve."""
+
+    def __init__(self):
+        pass
+
+    def __call__(self, theta):
+        return theta @ theta, 2 * theta
+
+
+class Tensor(np.ndarray):
+    """As much of a tensor as the bridge needs."""
+
+    def detach(self):
+        return self
+
+    cpu = double = numpy = detach
+
+    def new_tensor(self, values):
+        return np.asarray(values).view(Tensor)
+
+
+def test_what_pytorch_is_given(monkeypatch):
+    """Forwards the value, backwards the slope times what comes from above; PyTorch stays away."""
+
+    class Function:
+        """Calls ``forward`` with a context, and keeps that."""
+
+        def save_for_backward(self, *tensors):
+            self.saved_tensors = tensors
+
+        @classmethod
+        def apply(cls, theta):
+            context = Function()
+            return cls.forward(context, theta), lambda up: cls.backward(context, up)
+
+    torch = SimpleNamespace(autograd=SimpleNamespace(Function=Function))
+    monkeypatch.setitem(sys.modules, "torch", torch)
+    theta = POINT.view(Tensor)
+    value, backward = torch_function(Square())(theta)
+    assert value == pytest.approx(POINT @ POINT, rel=1e-15)
+    np.testing.assert_allclose(backward(3.0), 6.0 * POINT, rtol=1e-15)

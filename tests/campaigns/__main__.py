@@ -3,7 +3,8 @@
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
 --rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
 or ``hidden --count 400``, or ``equilibria``, or ``cones``, or ``receipts --count 10``, or
-``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers.
+``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers, or ``mutants``, which needs a map of
+tests and lines: ``campaigns.mutants`` has the commands.
 """
 
 import argparse
@@ -18,6 +19,7 @@ from campaigns.foreign import Foreign
 from campaigns.fuzz import Fuzz
 from campaigns.hidden import Hidden
 from campaigns.limits import Limits
+from campaigns.mutants import Mutants
 from campaigns.receipts import Receipts
 from campaigns.robustness import Robustness
 from ngsolve import SetNumThreads
@@ -85,6 +87,18 @@ def arguments():
     files.set_defaults(kind=Foreign, options=("beds", "nodes"))
     files.add_argument("--beds", type=Path, default=Foreign.beds)
     files.add_argument("--nodes", type=int, default=Foreign.nodes)
+    faults = campaigns.add_parser("mutants", help="faults that tests should notice")
+    faults.set_defaults(
+        kind=Mutants,
+        options=("count", "seed", "rows", "map", "seconds", "again", "trusted"),
+    )
+    faults.add_argument("--count", type=int, default=Mutants.count)
+    faults.add_argument("--seed", type=int, default=Mutants.seed)
+    faults.add_argument("--rows", type=rows, default=Mutants.rows)
+    faults.add_argument("--map", type=Path, default=Mutants.map)
+    faults.add_argument("--seconds", type=float, default=Mutants.seconds)
+    faults.add_argument("--again", action="store_true")
+    faults.add_argument("--trusted", action="store_true")
     return parser
 
 

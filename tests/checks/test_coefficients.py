@@ -5,6 +5,7 @@ import pytest
 from bodies import STEEL
 from netgen.occ import Circle, OCCGeometry, Rectangle
 from ngsolve import (
+    BND,
     CF,
     H1,
     L2,
@@ -25,7 +26,7 @@ from ngsolve import (
 from ngsolve.fem import CacheCF
 
 from ngepc import Fields, Material, Point, Problem, semismooth_newton
-from ngepc.checks.arguments import sample
+from ngepc.checks.arguments import points_beyond, sample
 from ngepc.checks.coefficients import (
     PARAMETER,
     leaves_of,
@@ -187,3 +188,13 @@ def test_points_and_fields():
     half = function(MISSING["half"](), 1.0)
     with pytest.raises(ValueError, match="plastic_increment has a GridFunction"):
         Fields(result.problem, result.displacement, CF((half,) * 3))
+
+
+@pytest.mark.parametrize("mesh", [SQUARE, CUBE, block.mesh(0.5)], ids=str)
+def test_points_beyond_the_boundary(mesh):
+    """One for each facet, outside the unit square or cube, and closer to it than a cell is wide."""
+    points = points_beyond(mesh)
+    outside = np.maximum(points - 1, -points).max(axis=1)
+    assert len(points) == mesh.GetNE(BND)
+    assert (outside > 0).all()
+    assert (outside < 0.1).all()

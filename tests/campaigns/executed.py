@@ -1,0 +1,90 @@
+"""Which tests execute a line of the package, and what each of them costs.
+
+A map is a folder with pairs of files: ``cov.NAME`` of coverage with contexts and ``NAME.log`` of
+pytest, as ``COVERAGE_FILE=FOLDER/cov.NAME pytest TESTS --cov --cov-context=test --durations=0 -vv``
+writes them.
+"""
+
+import re
+from collections import defaultdict
+from functools import cached_property
+
+from coverage import CoverageData
+
+LASTED = re.compile(r"^([\d.]+)s (?:call|setup) +(tests/.*)$")
+FAILED = re.compile(r"^(?:FAILED|ERROR) (tests/\S+)")
+
+
+class Executed:
+    """The map in ``folder``."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self._lines = {}
+
+    @cached_property
+    def _data(self):
+        """The files of coverage."""
+        found = []
+        for path in sorted(self.folder.glob("cov.*")):
+            data = CoverageData(str(path))
+            data.read()
+            found.append(data)
+        return found
+
+    @cached_property
+    def costs(self):
+        """Seconds of each test; what is too quick to be listed costs nothing."""
+        seconds = defaultdict(float)
+        for path in self.folder.glob("*.log"):
+            for line in path.read_text(errors="replace").splitlines():
+                if match := LASTED.match(line):
+                    seconds[match[2].strip()] += float(match[1])
+        return seconds
+
+    @cached_property
+    def files(self):
+        """The files of all tests that execute something."""
+        contexts = {c for data in self._data for c in data.measured_contexts()}
+        return sorted({c.partition("::")[0] for c in contexts if "::" in c})
+
+    @cached_property
+    def failed(self):
+        """Tests that fail without any mutation: they judge nothing."""
+        texts = [path.read_text(errors="replace") for path in self.folder.glob("*.log")]
+        lines = [line for text in texts for line in text.splitlines()]
+        return {match[1] for line in lines if (match := FAILED.match(line))}
+
+    def lines(self, module):
+        """Line -> the tests that execute it; of those that run at import, no test."""
+        if module not in self._lines:
+            found = defaultdict(set)
+            for data in self._data:
+                for line, contexts in lines_of(data, module):
+                    found[line] |= {test_of(c) for c in contexts} - {"", *self.failed}
+            self._lines[module] = found
+        return self._lines[module]
+
+    def tests(self, module, first, last):
+        """The tests that execute one of the lines, the cheapest first.
+
+        Where none does because the lines run when the module is imported, those of any line of it.
+        """
+        lines = self.lines(module)
+        found = set().union(*(lines[k] for k in range(first, last + 1) if k in lines))
+        imported = not found and any(k in lines for k in range(first, last + 1))
+        if imported:
+            found = set().union(*lines.values())
+        return sorted(found, key=lambda test: (self.costs[test], test))
+
+
+def lines_of(data, module):
+    """Pairs (line, contexts) of a module in a file of coverage, wherever the checkout was."""
+    for path in data.measured_files():
+        if path.endswith(f"/ngepc/{module}"):
+            yield from data.contexts_by_lineno(path).items()
+
+
+def test_of(context):
+    """The test of a context of pytest-cov, 'tests/...::test_a|run'."""
+    return context.rpartition("|")[0]

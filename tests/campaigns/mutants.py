@@ -1,0 +1,408 @@
+"""Faults put into the package on purpose, and the tests that notice them.
+
+A cell is one mutation of one line (``campaigns.mutations``), drawn at random, with so many in
+each room.  Tests that execute the line run on a copy of the project with that fault
+(``campaigns.executed``, ``campaigns.referee``): one that fails kills it, and so does a process that
+crashes, or that does not end in time.  A line that no test executes leaves a survivor.
+
+The map of tests and lines is a folder, made once and again whenever lines have moved::
+
+    mkdir -p out/map
+    COVERAGE_FILE=out/map/cov.all pytest -m "not notebooks" --cov --cov-context=test \
+        --cov-report= --durations=0 -vv > out/map/all.log
+    PYTHONPATH=tests python -m campaigns --out results mutants --count 320 --seed 1 --map out/map
+
+``survivors.json`` beside this file says of a survivor why no test can or need notice it.
+"""
+
+import atexit
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from campaigns.executed import Executed
+from campaigns.mutations import mutations
+
+from ngepc.studies.work import Work
+
+ROOT = Path(__file__).resolve().parents[2]
+REASONS = Path(__file__).with_name("survivors.json")
+ROOMS = (
+    "checks",
+    "model",
+    "linalg",
+    "discretisation",
+    "results",
+    "local",
+    "primal",
+    "dual",
+    "methods",
+    "bounds",
+    "limit",
+    "evolution",
+    "sensitivity",
+    "bridges",
+    "pictures",
+    "studies",
+    "cli",
+)
+ELSEWHERE = "local/petsc.py"  # its tests need another Python
+LEAST = 10  # mutants of each room
+GRACE = 10  # seconds of work beyond what the tests cost without a mutation
+KEPT = ("ngepc", "geometries", "notebooks", "tests", "docs", "benchmarks", "results")
+NOTE = (
+    "Each mutant is the package with one fault. Tests that execute its line run until one fails, "
+    "those of the same room first, tests of {study.seconds:g} s at most; 'no test executes the "
+    "line' and 'no test fails' are survivors. A mutant is equivalent where nobody who uses the "
+    "package can notice it; the reason stands beside it. Share: killed over all that are not "
+    "equivalent. {study.elsewhere} is judged where PETSc is, by make test-petsc, and not here."
+)
+
+
+@dataclass(eq=False)
+class Mutants(Work):
+    """The campaign.
+
+    Parameters
+    ----------
+    count, seed
+        How many mutants, and which.
+    rows
+        The rooms that are judged now; None for all.
+    map
+        The folder that says which tests execute a line.
+    seconds
+        The tests of one mutant cost at most that together, the cheapest are taken.
+    again
+        Whether survivors that are not equivalent are tried once more.
+    trusted
+        Whether the tests that have killed need not pass once more without a mutation.
+    """
+
+    count: int = 320
+    seed: int = 1
+    rows: Sequence[str] | None = None
+    map: Path = Path("out/map")
+    seconds: float = 20.0
+    again: bool = False
+    trusted: bool = False
+
+    name, title = "mutants", "Faults that tests notice"
+    columns = (
+        "room = {room} | line = {module}:{line} | kind = {kind} | before = `{before}` "
+        "| after = `{after}` | verdict = {verdict} | by, or why = {why}"
+    )
+    note = NOTE
+    elsewhere = ELSEWHERE
+
+    def cells(self):
+        """The mutants, room by room, in an order that other lines do not change."""
+        found = []
+        for room in self.rows or ROOMS:
+            drawn = self.drawn[room][: self.shares[room]]
+            found += [
+                {"room": room, "module": module, "mutant": name}
+                for name, module in drawn
+            ]
+        return found
+
+    @cached_property
+    def mutations(self):
+        """(Module, name) -> mutation, of all rooms."""
+        found = {}
+        for room in ROOMS:
+            for path in sorted((ROOT / "ngepc" / room).glob("*.py")):
+                module = f"{room}/{path.name}"
+                if module == ELSEWHERE:
+                    continue
+                for mutation in mutations(path.read_text(encoding="utf-8")):
+                    found[module, mutation.name(module)] = mutation
+        return found
+
+    @cached_property
+    def drawn(self):
+        """Room -> (name, module) of all its mutations, shuffled."""
+        rooms = defaultdict(list)
+        for module, name in self.mutations:
+            rooms[module.partition("/")[0]].append((name, module))
+        return {room: sorted(rooms[room], key=self.lot) for room in ROOMS}
+
+    def lot(self, pair):
+        """A number that decides whether a mutation is drawn, the same in every version."""
+        return hashlib.sha256(f"{self.seed} {pair[0]}".encode()).hexdigest()
+
+    @cached_property
+    def shares(self):
+        """Room -> how many mutants: the same for each, and more for those with more code."""
+        sizes = {room: len(self.drawn[room]) for room in ROOMS}
+        least = {room: min(LEAST, sizes[room]) for room in ROOMS}
+        left = max(0, self.count - sum(least.values()))
+        rest = sum(sizes.values())
+        return {room: least[room] + round(left * sizes[room] / rest) for room in ROOMS}
+
+    def run(self):
+        """The records; RuntimeError if a test that has killed fails without a mutation, too."""
+        records = super().run()
+        killers = {tests_of(record) for record in records} - {""}
+        if killers and not self.trusted:
+            found = self.bench.asked(sorted(killers), 30 * len(killers))
+            if found["code"] != 0:
+                raise RuntimeError(f"it fails without any mutation: {found}")
+        return records
+
+    def kept(self, cell):
+        """As in other studies; a survivor is tried once more if one asks for it."""
+        path = self.path_of(cell)
+        if self.again and path.exists():
+            survived = super().kept(cell)[0]["verdict"] == "survived"
+            if survived and self.reason(cell) is None:
+                path.unlink()
+        return super().kept(cell)
+
+    def solve(self, room, module, mutant):
+        """Put the fault in, run the tests, take it out."""
+        mutation = self.mutations[module, mutant]
+        first, last = mutation.start[0], mutation.end[0]
+        record = {
+            "line": first,
+            "function": mutation.function,
+            "kind": mutation.kind,
+            "before": mutation.before,
+            "after": mutation.after,
+            "verdict": "survived",
+            "why": "no test executes the line",
+            "tests": 0,
+            "work": 0.0,
+        }
+        tests = self.executed.tests(module, first, last)
+        left = self.seconds
+        for stage in stages(room, tests):
+            if stage and record["verdict"] == "survived":
+                taken, cost = self.affordable(stage, mutation, left)
+                left -= cost
+                found = self.bench.judge(module, mutation, taken, int(cost) + GRACE)
+                record["tests"] += len(taken)
+                record["work"] += found["seconds"]
+                record |= verdict(found)
+        if record["verdict"] == "killed":
+            self.killers[tests_of(record)] += 1
+        return record
+
+    def affordable(self, tests, mutation, seconds):
+        """Some of the tests, one at least, that cost so many seconds at most, and what they cost.
+
+        Tests that have killed other mutants come first, then some at random: the cheapest are often
+        those that only refuse data, which are for removed checks.
+        """
+
+        def order(test):
+            asked = mutation.kind != "removed check"
+            return -self.killers[test], refuses(test) == asked, self.lot((test,))
+
+        taken, total = [], 0.0
+        for test in sorted(tests, key=order):
+            cost = self.executed.costs[test]
+            if total + cost <= seconds or not taken:
+                taken.append(test)
+                total += cost
+        return taken, total
+
+    @cached_property
+    def killers(self):
+        """Test -> the mutants that it has killed in this run."""
+        return Counter()
+
+    @cached_property
+    def executed(self):
+        """Which tests execute a line."""
+        return Executed(self.map)
+
+    @cached_property
+    def bench(self):
+        """Where the tests run, with the files of all tests that the map knows in memory."""
+        bench = Bench()
+        bench.answer({"load": self.executed.files})
+        return bench
+
+    @cached_property
+    def reasons(self):
+        """(Module, function, before, after) -> why no test can notice it."""
+        listed = json.loads(REASONS.read_text()) if REASONS.exists() else []
+        keys = ("module", "function", "before", "after")
+        return {tuple(one[key] for key in keys): one["reason"] for one in listed}
+
+    def reason(self, cell):
+        """Why nobody can notice a mutant; None if nothing is said."""
+        mutation = self.mutations[cell["module"], cell["mutant"]]
+        return self.reasons.get(
+            (cell["module"], mutation.function, mutation.before, mutation.after)
+        )
+
+    def told(self, records):
+        """The records; a survivor with a reason is equivalent."""
+        return [self.excused(record) for record in records]
+
+    def excused(self, record):
+        """A record with its reason."""
+        why = self.reason(record)
+        if record["verdict"] == "killed" or why is None:
+            return record
+        return record | {"verdict": "equivalent", "why": why}
+
+    def write(self, records):
+        """Reasons go into all three files."""
+        return super().write(self.told(records))
+
+    def line(self, record):
+        """The verdict."""
+        where = f"{record['module']}:{record['line']}"
+        what = f"{record['before']} -> {record['after']}".replace("\n", " ")
+        return f"{where} {what[:80]}: {record['verdict']}, {record['why'][:90]}"
+
+    def notes(self, records):
+        """The share of each room."""
+        lines = ["| room | mutants | equivalent | killed | share |"]
+        lines += ["| --- | --- | --- | --- | --- |"]
+        for room in (*ROOMS, "all"):
+            mine = [r for r in records if room in (r["room"], "all")]
+            if mine:
+                lines.append(share(room, mine))
+        return ["\n".join(lines), "", *super().notes(records)]
+
+
+def share(room, records):
+    """A line of the table of rooms."""
+    counts = [
+        sum(record["verdict"] == word for record in records)
+        for word in ("equivalent", "killed")
+    ]
+    judged = len(records) - counts[0]
+    part = f"{100 * counts[1] / judged:.0f} %" if judged else ""
+    return f"| {room} | {len(records)} | {counts[0]} | {counts[1]} | {part} |"
+
+
+def tests_of(record):
+    """The test that has killed a mutant, '' if there is none."""
+    told = record["why"].partition(": ")[0]
+    return told if record["verdict"] == "killed" and told.startswith("tests/") else ""
+
+
+def refuses(test):
+    """Whether the name of a test says that it judges messages."""
+    words = (
+        "refuse",
+        "named",
+        "nonsense",
+        "message",
+        "needed",
+        "says",
+        "warn",
+        "illegal",
+    )
+    return any(word in test.rpartition("::")[2] for word in words)
+
+
+def stages(room, tests):
+    """The tests of the same room, those of others, those of nonsense, which no number concerns."""
+    mirrored = [test for test in tests if test.startswith(f"tests/{room}/")]
+    abuse = [test for test in tests if test.startswith("tests/abuse/")]
+    others = [test for test in tests if test not in {*mirrored, *abuse}]
+    return mirrored, others, abuse
+
+
+def verdict(found):
+    """What the answer of the referee says about a mutant.
+
+    Exit codes of pytest: 0 all pass, 1 some fail, 2 interrupted, 3 internal, 4 a file cannot be
+    imported, 5 no tests.
+    """
+    if found["code"] == 5:
+        raise RuntimeError("the map names tests that are not there: make it again")
+    if found["code"] == 0:
+        return {"verdict": "survived", "why": "no test fails"}
+    by = found.get("by") or "the process"
+    return {"verdict": "killed", "why": f"{by}: {found.get('error', 'no import')}"}
+
+
+class Bench:
+    """A copy of the project, which goes at the end, and the referee that runs its tests."""
+
+    def __init__(self):
+        self.folder = Path(tempfile.mkdtemp(prefix="mutants-"))
+        atexit.register(shutil.rmtree, self.folder, ignore_errors=True)
+        self.count = 0
+        self.project = self.folder / "project"
+        self.project.mkdir()
+        caches = shutil.ignore_patterns("__pycache__", "cells", "out")
+        for name in KEPT:
+            if (ROOT / name).exists():
+                shutil.copytree(
+                    ROOT / name, self.project / name, symlinks=True, ignore=caches
+                )
+        for path in ROOT.glob("*.*"):
+            if path.is_file():
+                shutil.copy2(path, self.project)
+        self.referee = self.called()
+
+    def called(self):
+        """The referee, with the copy first on the path."""
+        paths = [str(self.project), str(self.project / "tests")]
+        surroundings = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(paths),
+            "NGS_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+            "OMP_NUM_THREADS": "1",
+            "MKL_NUM_THREADS": "1",
+            "MPLBACKEND": "Agg",
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+        }
+        words = [sys.executable, "-m", "campaigns.referee", self.folder / "log"]
+        return subprocess.Popen(
+            words,
+            cwd=self.project,
+            env=surroundings,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def judge(self, module, mutation, tests, seconds):
+        """What tests say about the package with a mutation.
+
+        Python knows compiled files by the second in which the source changed: each mutant gets a
+        second of its own.
+        """
+        path = self.project / "ngepc" / module
+        text = path.read_text(encoding="utf-8")
+        before = path.stat().st_mtime_ns
+        self.count += 1
+        path.write_text(mutation.apply(text), encoding="utf-8")
+        os.utime(path, (self.count, self.count))
+        try:
+            return self.asked(tests, seconds, path=str(path), text=text)
+        finally:
+            path.write_text(text, encoding="utf-8")
+            os.utime(path, ns=(before, before))
+
+    def asked(self, tests, seconds, **changed):
+        """What tests say about the package as it stands in the copy."""
+        return self.answer({"tests": tests, "seconds": seconds, **changed})
+
+    def answer(self, question):
+        """The referee's answer."""
+        self.referee.stdin.write(json.dumps(question) + "\n")
+        self.referee.stdin.flush()
+        answer = self.referee.stdout.readline()
+        if not answer:
+            raise RuntimeError(f"the referee has ended, see {self.folder / 'log'}")
+        return json.loads(answer)

@@ -1,0 +1,131 @@
+"""The mutation tool on a module of ten lines, with a weak and a strong test."""
+
+import ast
+import shutil
+
+import pytest
+from campaigns import mutants
+from campaigns.executed import Executed
+from campaigns.mutants import Bench, verdict
+from campaigns.mutations import mutations
+
+MODULE = '''"""A module."""
+
+
+def pressed(force: float | None, area=2.0, *, most=5):
+    """The pressure."""
+    if force is None:
+        raise ValueError(f"force={1 + 1} is needed")
+    pressure = max(force / area + 1, 0)
+    check(pressure)
+    if pressure > most and area < 3:
+        pressure = -pressure
+    return pressure
+'''
+WEAK = "from ngepc.room.ten import pressed\n\n\ndef test_it():\n    pressed(1.0)\n"
+STRONG = """import pytest
+
+from ngepc.room.ten import pressed
+
+
+def test_it():
+    assert pressed(4.0) == 3.0
+
+
+def test_what_is_needed():
+    with pytest.raises(ValueError, match="is needed"):
+        pressed(None)
+"""
+
+
+def found(kind):
+    return {(m.before, m.after) for m in mutations(MODULE) if m.kind == kind}
+
+
+def test_each_kind_is_found():
+    assert {("force / area", "force * area"), ("-pressure", "pressure")} <= found(
+        "operator"
+    )
+    assert ("force / area + 1", "1") in found("dropped term")
+    assert found("constant") >= {("2.0", "4.0"), ("5", "6"), ("0", "1")}
+    assert found("comparison") >= {("area < 3", "area <= 3"), ("area < 3", "area >= 3")}
+    assert ("pressure > most and area < 3", "area < 3") in found("dropped condition")
+    assert found("function") == {
+        ("max(force / area + 1, 0)", "min(force / area + 1, 0)")
+    }
+    assert found("removed check") == {
+        ("force is None", "False"),
+        ("check(pressure)", "pass"),
+    }
+
+
+def test_texts_hints_and_messages_stay():
+    """Nor do other lines move, and each mutant is another program."""
+    tree = ast.dump(ast.parse(MODULE))
+    for mutation in mutations(MODULE):
+        text = mutation.apply(MODULE)
+        assert ast.dump(ast.parse(text)) != tree
+        assert text.count("\n") == MODULE.count("\n")
+        assert '"""The pressure."""' in text
+        assert "force: float | None" in text
+        assert '{1 + 1} is needed"' in text
+
+
+def test_names_outlive_lines_that_come_before():
+    later = MODULE.replace("\n\n\ndef", "\n\nE = 1\n\n\ndef")
+    names = [{m.name("room/ten.py") for m in mutations(t)} for t in (MODULE, later)]
+    assert names[0] < names[1]
+
+
+def test_map(tmp_path):
+    """Lines that run at import belong to all tests of the file."""
+    executed = Executed(tmp_path)
+    executed._lines["room/ten.py"] = {4: set(), 8: {"a"}, 9: {"a", "b"}}
+    (tmp_path / "all.log").write_text("2.50s call     a\n0.10s setup    tests/b[x y]\n")
+    assert executed.costs == {"tests/b[x y]": 0.1}
+    assert executed.tests("room/ten.py", 8, 8) == ["a"]
+    assert executed.tests("room/ten.py", 4, 4) == ["a", "b"]
+    assert executed.tests("room/ten.py", 11, 11) == []
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch):
+    """A project with one module."""
+    room = tmp_path / "ngepc" / "room"
+    room.mkdir(parents=True)
+    (room / "ten.py").write_text("check = float\n" + MODULE)
+    (tmp_path / "tests").mkdir()
+    shutil.copytree(
+        mutants.ROOT / "tests" / "campaigns", tmp_path / "tests" / "campaigns"
+    )
+    (tmp_path / "tests" / "test_weak.py").write_text(WEAK)
+    (tmp_path / "tests" / "test_strong.py").write_text(STRONG)
+    monkeypatch.setattr(mutants, "ROOT", tmp_path)
+    bench = Bench()
+    yield bench
+    bench.referee.stdin.close()
+    bench.referee.wait()
+    shutil.rmtree(bench.folder)
+
+
+def test_weak_and_strong_tests(bench):
+    """A fault in the sum survives one test and is killed by the other; so is a removed check."""
+    path = bench.project / "ngepc" / "room" / "ten.py"
+    text = path.read_text()
+    known = {(m.before, m.after): m for m in mutations(text)}
+    weak, strong = ["tests/test_weak.py"], ["tests/test_strong.py"]
+
+    def judged(before, after, tests):
+        answer = bench.judge("room/ten.py", known[before, after], tests, 60)
+        return verdict(answer)
+
+    bench.answer({"load": [*weak, *strong]})
+    assert bench.asked([*weak, *strong], 60)["code"] == 0
+    dropped = ("force / area + 1", "force / area")
+    assert judged(*dropped, weak)["verdict"] == "survived"
+    killed = judged(*dropped, strong)
+    assert killed["verdict"] == "killed"
+    assert killed["why"].startswith("tests/test_strong.py::test_it: ")
+    assert judged("force is None", "False", strong)["verdict"] == "killed"
+    assert judged("2.0", "4.0", strong)["verdict"] == "killed"  # imported again
+    assert path.read_text() == text

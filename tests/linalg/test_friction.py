@@ -1,0 +1,305 @@
+"""The laws of contact and friction for the forces of rows, with random compliances."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ngepc.linalg.contact_states import can_be_enumerated, equilibria
+from ngepc.linalg.friction import STARTS, FrictionCone, _Equation, exchange
+from ngepc.linalg.secants import Compliance
+
+LAWS = ("Coulomb", "limited", "Tresca", "mixed", "tied")
+
+
+def cone(law, m, d, random):
+    """A law with other numbers in each row; every third row of ``tied`` stays closed."""
+    mu = random.uniform(0.1, 0.5, m)
+    cap = np.full(m, np.inf)
+    tied = np.zeros(m, dtype=bool)
+    if law != "Coulomb":
+        cap = random.uniform(0.05, 0.3, m)
+    if law == "Tresca":
+        mu = np.full(m, np.inf)
+    if law == "mixed":
+        mu[::2] = np.inf
+    if law == "tied":
+        tied[::3] = True  # without friction
+        mu[::3] = 0.0
+    return FrictionCone(cap=cap, coefficient=mu, tied=tied, d=d)
+
+
+def compliance(n, random):
+    """A symmetric positive definite matrix, diagonally heavy as that of an elastic body."""
+    Q = random.normal(size=(n, n)) / np.sqrt(n)
+    return Q @ Q.T + 2 * np.eye(n)
+
+
+def offence(law, x, gaps):
+    """By how much forces and the gaps that they cause miss the law, row by row in plain words."""
+    m = len(law.cap)
+    n, g = x[:m], gaps[:m]
+    t, slip = x[m:].reshape(m, law.d), -gaps[m:].reshape(m, law.d)
+    worst = 0.0
+    for k in range(m):
+        missed = (abs(g[k]),) if law.tied[k] else (-n[k], -g[k], abs(n[k] * g[k]))
+        worst = max(worst, *missed)
+        if not law.d:
+            continue
+        tresca = np.isinf(law.coefficient[k])
+        b = law.cap[k] if tresca else min(law.coefficient[k] * n[k], law.cap[k])
+        size = np.linalg.norm(t[k])
+        if np.isinf(b):
+            worst = max(worst, np.linalg.norm(slip[k]))
+            continue
+        worst = max(
+            worst, size - b
+        )  # and the slip does all the work that the bound allows
+        worst = max(worst, abs(b * np.linalg.norm(slip[k]) - t[k] @ slip[k]))
+    return worst
+
+
+@pytest.mark.parametrize("d", [0, 1, 2])
+@pytest.mark.parametrize("law", LAWS)
+def test_solutions_meet_the_law(law, d):
+    """From no forces and from some forces: only the change is given back."""
+    for seed in range(6):
+        random = np.random.default_rng(seed)
+        m = int(random.integers(2, 12))
+        S = compliance(m * (1 + d), random)
+        gaps = random.normal(size=len(S))
+        rule = cone(law, m, d, random)
+        found = []
+        for forces in (np.zeros(len(S)), np.append(np.ones(m), np.zeros(m * d))):
+            change, exact = rule(Compliance.of(S), gaps + S @ forces, forces)
+            assert exact
+            found.append(forces + change)
+            assert offence(rule, found[-1], gaps + S @ found[-1]) < 1e-10
+        if law == "Tresca":
+            np.testing.assert_allclose(found[0], found[1], atol=1e-10)
+
+
+@pytest.mark.parametrize("d", [1, 2])
+@pytest.mark.parametrize("law", LAWS)
+def test_slope_of_the_projection(law, d):
+    """Against differences at points where it is smooth."""
+    random = np.random.default_rng(d)
+    m, eps = 9, 1e-7
+    rule = cone(law, m, d, random)
+    y = random.normal(size=m * (1 + d))
+    closed = (y[:m] > 0) | rule.tied
+    blocks = rule.slope(y, closed)
+    numbers = [rule.numbers(np.array([k])) for k in range(m)]
+    for _ in range(3):
+        dy = random.normal(size=len(y))
+        change = (rule.projected(y + eps * dy) - rule.projected(y - eps * dy)) / eps / 2
+        for k in range(m):
+            expected = change[numbers[k]]
+            np.testing.assert_allclose(blocks[k] @ dy[numbers[k]], expected, atol=1e-6)
+
+
+def test_projection_is_the_closest_point():
+    random = np.random.default_rng(3)
+    rule = cone("mixed", 40, 2, random)
+    y = 0.2 * random.normal(size=120)
+    n, t = rule.split(rule.projected(y))
+    b = rule.bound(n)
+    size = np.linalg.norm(t, axis=1)
+    assert (size <= b * (1 + 1e-12)).all()
+    aim = rule.split(y)[1]
+    for angle in np.linspace(0, 2 * np.pi, 50):
+        other = b[:, None] * [np.cos(angle), np.sin(angle)]
+        near = np.linalg.norm(aim - t, axis=1)
+        assert (near <= np.linalg.norm(aim - other, axis=1) + 1e-12).all()
+    inside = np.linalg.norm(aim, axis=1) < b
+    np.testing.assert_allclose(t[inside], aim[inside])
+    assert 0 < inside.sum() < 40
+
+
+def test_work_of_friction_is_convex_in_the_slip():
+    """|s + r| >= |s| + e.r at a solution, where friction acts and where it does not yet."""
+    random = np.random.default_rng(4)
+    m, d = 10, 2
+    mu = random.uniform(0.2, 0.5, m)
+    rule = FrictionCone(np.full(m, np.inf), mu, np.zeros(m, dtype=bool), d)
+    S = compliance(m * (1 + d), random)
+    gaps = 3 * random.normal(size=len(S))
+    x = rule(Compliance.of(S), gaps, np.zeros(len(S)))[0]
+    after = gaps + S @ x
+    n = x[:m]
+    assert 0 < (n > 0).sum() < m
+    slip = -rule.split(after)[1]
+    pressed = n + 1e-3  # open rows have a slope as well
+    e = rule.follows(np.append(pressed, x[m:]), after, 1e-9) / mu[:, None]
+    closed = n > 0
+    b = mu * pressed
+    np.testing.assert_allclose(e[closed], rule.split(x)[1][closed] / b[closed, None])
+    open_rows = rule.follows(np.append(n, x[m:]), after, 1e-9)[~closed]
+    np.testing.assert_allclose(open_rows, e_of(mu, slip)[~closed], atol=1e-12)
+
+
+def e_of(mu, slip):
+    """Mu times the directions of slips."""
+    return mu[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None]
+
+
+def test_exchange_minimises_between_bounds():
+    """From states at any bound: the gradient has the sign that the bound allows."""
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        n = 15
+        S = compliance(n, random)
+        gaps = random.normal(size=n)
+        low, high = -random.uniform(0, 1, n), random.uniform(0, 1, n)
+        high[:3] = low[:3]  # forces that cannot move
+        start = np.clip(random.normal(size=n), low, high)
+        change, exact = exchange(
+            Compliance.of(S), gaps + S @ start, start, low=low, high=high
+        )
+        assert exact
+        x = start + change
+        w = gaps + S @ x
+        assert (x >= low - 1e-14).all()
+        assert (x <= high + 1e-14).all()
+        at_low, at_high = x < low + 1e-14, x > high - 1e-14
+        free = ~(at_low | at_high)
+        np.testing.assert_allclose(w[free], 0.0, atol=1e-12)
+        assert (w[at_low & ~at_high] > 0).all()
+        assert (w[at_high & ~at_low] < 0).all()
+        assert min(at_low.sum(), at_high.sum()) > 0
+
+
+def one_row(law, S, gaps):
+    """All equilibria of one row, from the text book: the states one by one."""
+    mu, cap = law.coefficient[0], law.cap[0]
+    found = []
+    if gaps[0] >= 0:
+        found.append((0.0, 0.0))
+    stuck = np.linalg.solve(S, -gaps)
+    if stuck[0] >= 0 and abs(stuck[1]) <= min(mu * stuck[0], cap):
+        found.append(tuple(stuck))
+    for sign in (1, -1):
+        n = -gaps[0] / (S[0, 0] + sign * mu * S[0, 1])
+        slips = [(n, sign * mu * n)] if n >= 0 and mu * n <= cap else []
+        n = -(gaps[0] + sign * cap * S[0, 1]) / S[0, 0]
+        slips += [(n, sign * cap)] if mu * n >= cap and np.isfinite(cap) else []
+        for x in slips:
+            back = gaps[1] + S[1] @ x
+            if back * sign <= 0:
+                found.append(x)
+    return found
+
+
+@pytest.mark.parametrize("limit", [np.inf, 0.4])
+def test_enumeration_of_one_row(limit):
+    """Of 120 rows, large coefficients among them: as many equilibria as by hand, the same ones."""
+    counts = set()
+    for seed in range(120):
+        random = np.random.default_rng(seed)
+        Q = random.normal(size=(2, 2))
+        S = Q @ Q.T + 0.05 * np.eye(2)
+        mu = np.array([10 ** random.uniform(-1, 1)])
+        rule = FrictionCone(np.array([limit]), mu, np.zeros(1, dtype=bool), 1)
+        gaps = random.normal(size=2)
+        expected = one_row(rule, S, gaps)
+        forces = random.normal(size=2)
+        found = equilibria(
+            S, gaps + S @ forces, forces, mu, rule.cap, rule.tied, S.diagonal()
+        )
+        distinct = {tuple(np.round(x, 8) + 0.0) for x in found}
+        assert distinct == {tuple(np.round(x, 8) + 0.0) for x in expected}
+        counts.add(len(expected))
+        if expected:
+            x = np.array(expected[0])
+            rival = rule.rival(S, gaps + S @ x, x)
+            assert (rival is not None) == (len(distinct) > 1)
+    assert counts >= {1, 3}
+
+
+@pytest.mark.parametrize("law", ["Coulomb", "limited", "tied"])
+def test_enumeration_of_rows(law):
+    """What is found meets the law, and what Newton's method finds is among it."""
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        m = 3
+        S = compliance(2 * m, random)
+        gaps = random.normal(size=2 * m)
+        rule = cone(law, m, 1, random)
+        forces = random.normal(size=2 * m)
+        found = rule.equilibria(S, gaps + S @ forces, forces, S.diagonal())
+        assert len(found)
+        for x in found:
+            assert offence(rule, x, gaps + S @ x) < 1e-8
+        x = rule(Compliance.of(S), gaps, np.zeros(2 * m))[0]
+        assert min(np.abs(found - x).max(axis=1)) < 1e-8
+        near = [(x - forces) @ S @ (x - forces) for x in found]
+        assert near == sorted(near)
+
+
+def test_how_many_rows_are_enumerated():
+    """Four states of a row to eight rows, six with a limit; a tied row has one."""
+    free, tied = np.zeros(9, dtype=bool), np.ones(9, dtype=bool)
+    infinite, limited = np.full(9, np.inf), np.ones(9)
+    assert can_be_enumerated(infinite[:8], free[:8])
+    assert not can_be_enumerated(infinite, free)
+    assert can_be_enumerated(limited[:6], free[:6])
+    assert not can_be_enumerated(limited[:7], free[:7])
+    assert can_be_enumerated(limited, tied)
+    rule = FrictionCone(infinite[:8], np.full(8, 0.3), free[:8], 1)
+    assert rule.enumerable
+    assert not FrictionCone(rule.cap, rule.coefficient, rule.tied, 2).enumerable
+    tresca = FrictionCone(limited[:4], np.full(4, np.inf), free[:4], 1)
+    assert not tresca.enumerable
+
+
+def test_searches_have_so_many_starts():
+    """Each of them obeys the bounds of the law; no contact is one of them."""
+    random = np.random.default_rng(1)
+    m, d = 4, 2
+    rule = cone("Coulomb", m, d, random)
+    S = compliance(m * (1 + d), random)
+    W = Compliance.of(S)
+    gaps = random.normal(size=len(S))
+    x = rule(W, gaps, np.zeros(len(S)))[0]
+    starts = list(rule.starts(W, gaps + S @ x, x))
+    assert len(starts) == STARTS
+    assert min(np.abs(s).max() for s in starts) == 0
+    for start in starts:
+        n, t = rule.split(start)
+        assert (n >= 0).all()
+        assert (np.linalg.norm(t, axis=1) <= rule.bound(n) + 1e-12).all()
+
+
+@pytest.mark.parametrize("law", ["Tresca", "tied"])
+def test_proximal_points_reach_the_minimum(law):
+    """What takes over where Newton's method cycles, from far away: the only solution."""
+    random = np.random.default_rng(6)
+    m, d = 6, 2
+    rule = cone(law, m, d, random)
+    rule = replace(rule, coefficient=np.where(rule.tied, 0.0, np.inf))
+    S = compliance(m * (1 + d), random)
+    gaps = random.normal(size=len(S))
+    forces = random.normal(size=len(S))
+    W = Compliance.of(S)
+    c = np.full(len(S), 0.1)  # the same for all tangents of a row
+    equation = _Equation(rule, W, gaps + S @ forces, forces, c)
+    change, exact = equation.approached(np.full(len(S), 5.0))
+    assert exact
+    assert offence(rule, forces + change, gaps + S @ (forces + change)) < 1e-10
+    expected = rule(W, gaps, np.zeros(len(S)))[0]
+    np.testing.assert_allclose(forces + change, expected, atol=1e-10)
+
+
+def test_other_solutions_are_searched_from_starts():
+    """In space: each one that is yielded meets the law."""
+    random = np.random.default_rng(7)
+    m, d = 3, 2
+    rule = cone("Coulomb", m, d, random)
+    S = compliance(m * (1 + d), random)
+    gaps = random.normal(size=len(S))
+    x = rule(Compliance.of(S), gaps, np.zeros(len(S)))[0]
+    found = list(rule._from_starts(S, gaps + S @ x, x))
+    assert len(found) > STARTS // 2
+    for other in found:
+        assert offence(rule, other, gaps + S @ other) < 1e-10
+    assert rule.rival(S, gaps + S @ x, x) is None
