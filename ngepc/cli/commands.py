@@ -217,6 +217,8 @@ STUDIES = {
     "counts": Command("Newton steps of the default method", work="counts:NewtonCounts"),
         "cost": Command("cost of a solve, in elastic solves", work="cost:Cost"),
     "locking": Command("volume locking: three tests, orders 1 and 2", work="locking:Locking"),
+    "overlap": Command("what bodies overlap between nodes, and stability of the pressure",
+                       work="overlap:BetweenNodes"),
         "bounds": Command("guaranteed error bounds and the true error", work="bounds:Bounds"),
     "benchmarks": Command("published problems: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
                           ("--rows A,B", "--figures"), "benchmarks:Benchmarks"),
