@@ -6,7 +6,7 @@
 # make results: every committed result again, those of today's code left out; make results
 # NAMES="table1 counts": some of them.  Hours; an interrupted run goes on with the same line.
 # make test-petsc: the tests of large bodies once more, with Debian's PETSc.
-# make docs: this project's site in out/docs.   make benchmark: what a Newton step costs,
+# make docs: this project's site in out/docs, and as one file, out/ngepc-docs.zip.   make benchmark: what a Newton step costs,
 # make benchmark-pieces: its pieces.
 PYTHON ?= python3
 VENV ?= .venv
@@ -70,6 +70,7 @@ benchmark-pieces: $(VENV)/.test $(VENV)/.dev
 
 docs: $(VENV)/.docs
 	NGEPC_DOCS_EXECUTE=force $(BIN)/sphinx-build -j 4 -W --keep-going -d out/doctrees -b html docs out/docs
+	cd out && rm -f ngepc-docs.zip && $(abspath $(BIN))/python -m zipfile -c ngepc-docs.zip docs
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

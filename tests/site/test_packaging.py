@@ -1,6 +1,7 @@
 """The built wheel holds every module, geometries, notebooks and type information included."""
 
 import re
+import runpy
 import subprocess
 import sys
 import zipfile
@@ -104,3 +105,37 @@ def test_what_an_index_shows_needs_no_other_file(wheel):
         r"```python\n.*?```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
     )
     assert first_lines[0] in shown
+
+
+def test_the_paper_has_the_table_of_the_results():
+    """``python paper/table.py`` writes it from results/accuracy.json."""
+    made = runpy.run_path(str(ROOT / "paper" / "table.py"))
+    text = (ROOT / "paper" / "paper.md").read_text(encoding="utf-8")
+    assert made["with_table"](text) == text
+    cited = set(re.findall(r"@([\w-]+)\]", text))
+    bib = (ROOT / "paper" / "paper.bib").read_text(encoding="utf-8")
+    assert cited == set(re.findall(r"@\w+\{([\w-]+),", bib))
+
+
+def test_citation_files_agree():
+    yaml = pytest.importorskip("yaml", reason="comes with the extra docs")
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    readme = (ROOT / "README.md").read_text("utf-8")
+    assert citation["version"] == ngepc.__version__
+    assert f"version = {{{citation['version']}}}" in readme
+    for title in (citation["title"], citation["references"][0]["title"]):
+        assert title in readme.replace("{Newton}", "Newton")
+
+
+def test_binder_and_conda_install_the_package_with_its_notebooks():
+    yaml = pytest.importorskip("yaml", reason="comes with the extra docs")
+    asked = (ROOT / ".binder" / "requirements.txt").read_text("utf-8").split()
+    place = ROOT / "packaging" / "conda" / "environment.yml"
+    packages = yaml.safe_load(place.read_text(encoding="utf-8"))["dependencies"]
+    (by_pip,) = (p["pip"] for p in packages if isinstance(p, dict))
+    setup = ConfigParser()
+    setup.read(ROOT / "setup.cfg", encoding="utf-8")
+    extras = set(setup["options.extras_require"])
+    for line in (*asked, *by_pip):
+        wanted = re.search(r"\[(.+)\]", line)[1].split(",")
+        assert set(wanted) <= extras

@@ -3,6 +3,7 @@
 import inspect
 import json
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -125,3 +126,10 @@ def test_pyright_finds_nothing_in_a_users_script(tmp_path):
     assert len(errors) == 1, run.stdout
     assert "wrong.py:3" in errors[0]
     assert "reportArgumentType" in run.stdout
+
+
+def test_the_public_interface_is_the_frozen_one():
+    """``python docs/public_api.py`` writes it; docs/versions.md says what a change needs."""
+    made = runpy.run_path(str(ROOT / "docs" / "public_api.py"))
+    frozen = (ROOT / "docs" / "public_api.txt").read_text(encoding="utf-8")
+    assert list(made["lines"]()) == frozen.splitlines()
