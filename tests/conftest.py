@@ -47,6 +47,7 @@ SLOW = (
     "local/test_exactness.py",
     "local/test_multigrid.py",
     "local/test_processes.py",
+    "local/test_sums.py",
     "model/test_own.py",
     "paper",
     "physics/test_closed_forms.py",

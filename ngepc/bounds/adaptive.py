@@ -1,4 +1,4 @@
-"""The user says how accurate: meshes that follow the guaranteed bound."""
+"""Adaptive refinement to a tolerance: meshes that follow the guaranteed bound."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ ALGEBRAIC_SHARE = 0.1  # Newton's part of the bound that ends the iteration on a
 # Newton pauses at a step that lowers the energy by less than this part of the last bound
 SMALL_STEP = 0.1
 FEWER = 0.45  # nodes of a mesh over those of the next one, about
-LEAST_LEFT = 1e-6  # smallest part of an error that steps are planned to
-AIM = 0.97  # part of the error asked for that meshes are made for: expectations are not exact
+LEAST_LEFT = 1e-6  # smallest part of an error that a sequence of meshes aims at
+AIM = 0.97  # meshes aim at this part of the tolerance, as expected errors are not exact
 TOLERANCE = 1e-10  # the residual at which Newton stops if no small step stops it before
 # how Newton's method ends where refinement goes on
 SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
@@ -43,7 +43,7 @@ SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
 
 @dataclass(frozen=True, kw_only=True)
 class Refinement(Declared):
-    """How meshes follow the bound.
+    """Options of adaptive refinement.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Refinement(Declared):
         Doerfler's share: the fewest elements whose indicators add up to this part of the bound
         are bisected, in (0, 1], until less than half of the bound is expected to be left.
     max_nodes
-        No mesh gets more vertices.
+        Most vertices of a mesh.
     max_iterations
         Most Newton steps on one mesh.
     """
@@ -65,14 +65,14 @@ class Refinement(Declared):
 
 @dataclass(frozen=True)
 class MeshRecord:
-    """What is known once a mesh is done.
+    """The record of one mesh of ``solve_to``.
 
     Parameters
     ----------
     nodes, iterations
         Vertices of the mesh and Newton steps on it.
     energy, total, algebraic, relative
-        J(u) and what ``ErrorBound`` says.
+        J(u), and the numbers of ``ErrorBound``.
     lower, upper
         The interval of the goal; NaN without one.
     """
@@ -89,7 +89,7 @@ class MeshRecord:
 
 @dataclass(frozen=True, eq=False)
 class BoundedResult:
-    """What ``solve_to`` returns.
+    """The result of ``solve_to``.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class BoundedResult:
     records
         One record for each mesh.
     message
-        Why it ended before what was asked for was reached; empty if it did not.
+        Why it ended before the tolerance was reached; empty if it was reached.
     goal
         The interval of the goal on the last mesh; None without a goal.
     """
@@ -114,12 +114,12 @@ class BoundedResult:
 
     @property
     def found(self) -> float:
-        """What ``asked`` is compared with: the relative error of the energy, or of the goal."""
+        """The relative error of the energy, or of the goal, to be compared with ``asked``."""
         return self.bound.relative if self.goal is None else self.goal.percent / 100
 
     @property
     def reached(self) -> bool:
-        """Whether it is below what was asked for."""
+        """Whether the error is at most the tolerance."""
         return self.found <= self.asked
 
     @property
@@ -151,7 +151,7 @@ def solve_to(
     Parameters
     ----------
     problem
-        The data; its mesh is where refinement starts, and stays as it is.
+        The data; refinement starts from a copy of its mesh.
     relative_error
         Bound for ``ErrorBound.relative``, >= 1e-12, what rounding leaves, and < 1.
     options
@@ -207,7 +207,7 @@ def solve_to(
 def asked_error(
     problem: Problem, relative_error: float, goal: object, percent: float
 ) -> float:
-    """The relative error that is asked for: of the energy, or with a goal of the goal."""
+    """The tolerance for the relative error: of the energy, or of the goal if there is one."""
     require_number("relative_error", relative_error, SMALLEST_ERROR, below=1)
     require_number("percent", percent, 0, strict=True)
     if goal is None:
@@ -291,7 +291,7 @@ def solved(
         bound = bound_of_state(setting, result.state, tangent)
         if not paused:
             return result, bound, steps, setting
-        # no step removes what it costs to clear the obstacle between the nodes
+        # Newton steps do not reduce the cost of clearing the obstacle between the nodes
         left = bound.algebraic - (bound.state.energy - result.primal_energy)
         if left <= ALGEBRAIC_SHARE * bound.total:
             part = left / bound.total if bound.total > 0 else 0.0

@@ -1,9 +1,9 @@
 """The adjoint of a goal: a displacement z and a stress in equilibrium with the load of the goal.
 
-Any pair bounds that meets the conditions of ``goal_bound`` at the contact boundary.  Here z is the
-answer of the tangent to the load of the goal, with z . n = c where the body touches, and the stress
-is the best one for it.  Where the conditions ask for it z is changed at single nodes, and the
-pressure of the stress is cut.
+Any pair that satisfies the conditions of ``goal_bound`` on the contact boundary gives a bound. Here
+z is the solution of the tangent problem for the load of the goal, with z . n = c where the body
+touches, and the stress is the best one for it.  Where the conditions ask for it z is changed at
+single nodes, and the pressure of the stress is cut.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from ngepc.local.system import State
 TOUCHES = 1e-10  # part of the largest force of a row above which it presses
 HOLDS = 20  # most passes until no more rows are held
 UNMOVED = 1e-5
-"""Part of the forces that hold displacements still with which equilibrium is compared."""
-ROUNDING = 1e-10  # part of the conditions that may be missed before a node is changed
+"""Tolerance of equilibrium, relative to the forces that hold the displacements."""
+ROUNDING = 1e-10  # tolerance of the conditions before a node is changed
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +33,8 @@ class Adjoint:
 
     ``z`` (nodes, N) is the displacement, ``stress`` its stress as ``BoundData`` has admissible
     ones, ``pressure`` minus its normal traction at the vertices of the contact facets; ``energy``
-    is what the pair misses of the tangent's law, ``least`` the smallest factor lambda for which the
-    conditions hold.
+    is the defect of the pair in the tangent's law, ``least`` the smallest factor lambda for which
+    the conditions hold.
     """
 
     z: np.ndarray
@@ -61,7 +61,7 @@ class AdjointProblem:
         self._answers: dict[int, np.ndarray] = {}
 
     def _answer(self, row: int) -> np.ndarray:
-        """Displacements that answer a unit force of a row, (nodes N,)."""
+        """Displacements under a unit force of a row, (nodes N,)."""
         if row not in self._answers:
             force = self._rows[row].toarray().reshape(-1, self.setting.cells.N)
             self._answers[row] = self.tangent.solve(force).ravel()
@@ -108,7 +108,7 @@ class AdjointProblem:
     def _steered(
         self, forces: np.ndarray, wanted: np.ndarray, factor: float
     ) -> np.ndarray:
-        """Z with rows held where they press, and where the conditions ask for it."""
+        """z with rows held that press or that violate the conditions."""
         count = len(wanted)
         gap = np.maximum(self.state.gaps[:count], 0.0)
         chosen = self.presses.copy()

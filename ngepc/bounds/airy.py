@@ -23,7 +23,7 @@ from ngepc.bounds.simplices import sliced
 # entries of a symmetric matrix that are kept
 FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
 LEVEL = (
-    1e-9  # a smaller component of a unit normal is none, nor is a smaller eigenvalue
+    1e-9  # smaller components of a unit normal and smaller eigenvalues count as zero
 )
 
 
@@ -56,7 +56,7 @@ class Rule:
 RULES = {degree: Rule(degree) for degree in (3, 4)}
 
 EDGE_ROWS = np.zeros((3, 9))
-"""How far the tangential derivative in the middle of an edge exceeds the mean, times its length."""
+"""The tangential derivative in the middle of an edge less the mean, times its length."""
 for _k, (_i, _j) in enumerate(PAIRS):
     EDGE_ROWS[_k, [3 * _j, 3 * _i]] = 1.5, -1.5
     for _v in (_i, _j):
@@ -69,7 +69,7 @@ CORNER_COLUMNS = (_SECOND + np.tile(np.arange(3), 3)).ravel()
 
 
 class AirySpace:
-    """The Airy functions of a triangulation, those unknowns ``free`` that leave tractions alone.
+    """The Airy functions of a triangulation; unknowns that are ``free`` do not change tractions.
 
     ``unknowns`` (nt, n) are those of each triangle; the first ``vertices`` belong to vertices,
     three to each, the next ones to edges.  ``area`` is that of the triangles.
@@ -161,7 +161,7 @@ class AirySpace:
         return sliced(self, chosen, self.of_triangles)
 
     def gathered(self, local: np.ndarray) -> np.ndarray:
-        """Sums over the triangles of what each says about its unknowns (nt, n)."""
+        """Sums over the triangles of values for their unknowns (nt, n)."""
         return np.bincount(
             self.unknowns.ravel(), local.ravel(), minlength=len(self.free)
         )

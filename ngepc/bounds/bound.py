@@ -35,16 +35,16 @@ from ngepc.results.result import DiscreteSolution
 
 @dataclass(frozen=True, eq=False)
 class ErrorBound:
-    """How far a result is from the solution of the continuous problem, guaranteed.
+    """A guaranteed bound of the error of a result against the continuous problem.
 
     Parameters
     ----------
     state
-        The displacement that is judged; J(u) - inf J is its energy error.
+        The displacement u of the bound; J(u) - inf J is its energy error.
     energy
-        J(u), with int F |slip| where there is friction, no less than inf J.
+        J(u), with int F |slip| for friction; at least inf J.
     total
-        No less than the energy error (force times length).
+        Upper bound of the energy error (force times length).
     algebraic
         No less than J(u) - J_h: what further iterations on this mesh would remove, and what it
         cost to clear the obstacle between the nodes.
@@ -93,7 +93,7 @@ class ErrorBound:
 
     @property
     def message(self) -> str:
-        """What the bound does not see; empty where it is guaranteed."""
+        """The reasons why the bound is not guaranteed; empty if it is."""
         if self.guaranteed:
             return ""
         part = "1/18 of an edge" if self.problem.N == 3 else "1/72 of an edge"
@@ -104,7 +104,7 @@ class ErrorBound:
 
     @property
     def discretisation(self) -> float:
-        """``total`` without ``algebraic``: what only another mesh removes."""
+        """``total`` minus ``algebraic``: the part that only another mesh reduces."""
         return max(self.total - self.algebraic, 0.0)
 
     @property
@@ -116,7 +116,7 @@ class ErrorBound:
     def strain_energy(self) -> float:
         """int 1/2 C^-1 sigma : sigma + h/2 |p|^2 + beta |p| (force times length).
 
-        What the body stores elastically and by hardening, and what it dissipates in the step.
+        Elastic and hardening energy, and the dissipation of the step.
         """
         state, law = self.state, self.state.discrete.law
         mean, stress = law.stress(state.at)
@@ -156,7 +156,7 @@ class ErrorBound:
 
     @cached_property
     def indicators(self) -> GridFunction:
-        """``per_cell`` as a function to draw (force times length for each triangle)."""
+        """``per_cell`` as a piecewise constant function (force times length of each cell)."""
         result = GridFunction(L2(self.problem.mesh, order=0), name="error_indicators")
         result.vec.FV().NumPy()[:] = self.per_cell
         return result
@@ -208,7 +208,7 @@ def state_of(discrete: DiscreteProblem, result: object) -> State:
 
 
 def bound_data_of(discrete: DiscreteProblem) -> BoundData:
-    """What the bounds of all states on the mesh of a discrete problem have in common.
+    """The data shared by the bounds of all states on the mesh of a discrete problem.
 
     ValueError for a problem that no bound covers.
     """
@@ -245,7 +245,7 @@ def bound_of_state(setting: BoundData, given: State, tangent: Factors) -> ErrorB
 
 
 def feasible_state(setting: BoundData, given: State) -> tuple[State, float]:
-    """The state moved clear of the obstacle, its w on the sphere, and by how much it was moved."""
+    """The state moved out of the obstacle, with radial return, and the size of the move."""
     u = setting.contact.cleared(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
     if moved <= given.touching_distance:
@@ -254,7 +254,7 @@ def feasible_state(setting: BoundData, given: State) -> tuple[State, float]:
 
 
 def algebraic_part(setting: BoundData, state: State, tangent: Factors) -> float:
-    """No less than J(u) - J_h: the same bound with a discrete stress and the discrete contact."""
+    """Upper bound of J(u) - J_h: the same bound with a discrete stress and discrete contact."""
     contact = setting.discrete.contact
     forces = contact.friction.projected(state.contact)
     z = setting.balanced(state, tangent, setting.discrete.load - contact.forces(forces))

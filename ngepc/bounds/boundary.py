@@ -16,7 +16,7 @@ from ngepc.model.problem import Problem, as_scalar
 
 
 class OuterFacets:
-    """Reads what is given on the boundary elements of a mesh, facet by facet of its cells."""
+    """Values of data on the boundary elements of a mesh, facet by facet of its cells."""
 
     def __init__(self, mesh: Mesh, cells: Simplices) -> None:
         N = cells.N
@@ -61,7 +61,7 @@ class OuterFacets:
         return values
 
     def scan(self, value: Coefficient, on: np.ndarray) -> Scan:
-        """What rules miss on some boundary elements."""
+        """The scan of a coefficient on some boundary elements."""
         return Scan(self.mesh, value, BND, on)
 
     def at_vertices(self, values: np.ndarray, on: np.ndarray) -> np.ndarray:
@@ -70,7 +70,7 @@ class OuterFacets:
 
 
 class Boundary(OuterFacets):
-    """What is given on each facet of the outer boundary.
+    """Loads, supports and obstacles on each facet of the outer boundary.
 
     ``given`` (nf, N) are the components of the traction that are known, contact included;
     ``moments`` (nf, N, N) are those of g with the hat functions of each facet's vertices (force),
@@ -170,7 +170,7 @@ def hidden_traction(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moments with hat functions (N, N) and the mean square of what is not affine (N, N).
 
-    ``given`` are the components that are no support's.
+    ``given`` are the components that no support holds.
     """
     N = rule.shares.shape[1]
     size = rule.weights.sum()

@@ -46,7 +46,7 @@ R6 = np.sqrt(6.0)
 
 ZETA_STEPS = 6  # Newton steps for zeta where the stress yields
 UNREACHED = 1.0
-"""|p| that stands for an infinite one where the search for stresses needs a number."""
+"""A finite |p| in place of an infinite one, for searches of stresses."""
 
 # m, and the coordinates of d, by those in the plane where sigma_zz = 0
 THIN = np.array([[2 / 3, 0, 0], [0, 1, 0], [R6 / 3, 0, 0], [0, 0, 1]])
@@ -145,7 +145,7 @@ class Conjugate:
         return (at.over > 0) / stiffness, at.reached / size
 
     def sought(self, at: Completed) -> np.ndarray:
-        """What a search lowers: ``value``, continued as a finite convex function."""
+        """The objective of searches: ``value``, extended as a finite convex function."""
         return self.value(at._replace(gained=at.reached))
 
     def value(self, at: Completed) -> np.ndarray:
@@ -312,7 +312,7 @@ class Conjugate:
 def _potential(
     resistance: Resistance, hardening: np.ndarray, size: np.ndarray
 ) -> np.ndarray:
-    """F of sizes of s, of any shape that those of the law go with."""
+    """F of sizes of s, of any shape that broadcasts with the law."""
     gained = resistance.gained_at(size, hardening)
     return flow_potential(resistance, hardening, size, gained)
 

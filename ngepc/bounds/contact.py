@@ -1,4 +1,4 @@
-"""What happens on the contact facets: obstacles that are cleared, pressure, Tresca's friction."""
+"""Contact facets in error bounds: clearing of the obstacle, pressure, Tresca's friction."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ngepc.discretisation.rows import ContactRows
 from ngepc.local.system import DiscreteProblem, State
 
 LEVEL = 1e-9  # square of the free part of a normal that moves nothing
-CLEAR = 1e-12  # part of the largest displacement that counts as no penetration
+CLEAR = 1e-12  # tolerance of penetration, relative to the largest displacement
 NORMAL_PASSES = (
     50  # most passes over the facets that meet at a vertex until all of them are clear
 )
@@ -28,7 +28,7 @@ EDGES = (
 
 
 def gathered(rows: ContactRows, of_vertices: csr_matrix) -> csr_matrix:
-    """What gives rows between vertices in equal parts to rows of these vertices, (m, m).
+    """The matrix that distributes rows between vertices in equal parts to vertices' rows, (m, m).
 
     Of several rows at a vertex the one with the nearest normal takes it; ``of_vertices`` are the
     rows of each vertex.
@@ -89,7 +89,7 @@ class ContactFacets:
         cosine = np.einsum("ic,ic->i", rows.normals[row], self.normal[corner // self.N])
         nearest = np.argsort(-cosine, kind="stable")[
             ::-1
-        ]  # comes last: it is the one that stays
+        ]  # comes last, so that it overwrites the others
         self.row_of = np.full(len(corners), -1)
         self.row_of[corner[nearest]] = row[nearest]
         self.row_of = self.row_of.reshape(-1, self.N)
@@ -216,7 +216,7 @@ class ContactFacets:
         return (np.minimum(size, bound) / np.where(size > 0, size, 1.0))[:, :, None] * T
 
     def slip(self, u: np.ndarray) -> np.ndarray:
-        """What the nodes have slipped (length), (facets, nodes, N)."""
+        """The slip of the nodes (length), (facets, nodes, N)."""
         return self._across((u - self._start)[self.nodes])
 
     def friction_works(self, u: np.ndarray) -> np.ndarray:

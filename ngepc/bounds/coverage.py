@@ -1,4 +1,4 @@
-"""What the bound covers, and which argument is to blame where it does not."""
+"""Checks of what guaranteed bounds cover; messages name the argument that is not covered."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 5)}  # by dimensi
 
 
 def check_covered(problem: Problem) -> None:
-    """Refuse by name (ValueError) what there is no guaranteed bound for."""
+    """Refuse problems without a guaranteed bound with a ValueError that names the argument."""
     covers = COVERS if problem.N == 2 else COVERS - {"order 2"}
     what = "a bound" if problem.N == 2 else "a bound in three dimensions"
     if problem.kinematics.thin:
@@ -111,7 +111,7 @@ def check_covered(problem: Problem) -> None:
 def varies_inside(
     problem: Problem, value: CoefficientFunction, affine: bool = False
 ) -> bool:
-    """Whether a coefficient is more than a constant, or an affine function, on an element."""
+    """Whether a coefficient is not constant, or not affine, on some element."""
     if len(Scan(problem.mesh, value, VOL).hidden):
         return True
     points = problem.mesh.MapToAllElements(_INSIDE, VOL)
@@ -126,7 +126,7 @@ def varies_inside(
 
 
 def sampled_data(problem: Problem) -> list[str]:
-    """Names of the data that bounds know from samples: those that are no polynomials on elements.
+    """Names of the data that are not polynomials on elements, which bounds only sample.
 
     A bound is a theorem for numbers, finite element functions and polynomials on elements.
     """

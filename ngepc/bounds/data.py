@@ -1,4 +1,4 @@
-"""What the bounds of all states on one mesh have in common, in N dimensions and of either order.
+"""The data shared by the bounds of all states on one mesh.
 
 Strains of displacements of order two are affine on each cell, and three points fix them.
 """
@@ -29,7 +29,7 @@ PARTED = (
     2  # how often cells are split where a law of hardening is integrated from below
 )
 UNSTRAINED = 1e-8
-"""A strain whose forces are what equilibrium is compared with where nothing is strained more."""
+"""Smallest strain whose forces are the scale of equilibrium."""
 
 # values of affine functions at the vertices from those at the three points
 AT_CORNERS = 2 * np.eye(3)[[1, 2, 0]] - 1 / 3
@@ -37,7 +37,7 @@ AT_CORNERS = 2 * np.eye(3)[[1, 2, 0]] - 1 / 3
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """How hard to look for the best stress.
+    """Limits of the search for the best stress.
 
     At most ``newton`` Newton steps follow the tangent at the discrete stress, none where the bound
     exceeds what the tangent promised by less than the part ``trust``.  Conjugate gradients stop at
@@ -54,14 +54,12 @@ class BoundData:
     """Geometry, data and spaces of a discrete problem.
 
     ``conjugate`` and ``at_nodes`` are phi* at the points and at the nodes of the parts of each
-    cell, ``weights`` those of the points at which stresses are integrated.  ValueError for what no
-    bound covers.
-
-    Those who inherit have ``best_stress(state, tangent, P)``: an admissible stress for which the
-    bound is small, again at points, and its P.  It is sought near a state, by a tangent of a state
-    near it (or without factors), from the contact pressure P (contact facets, N). The first are
-    coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2, c), the second
-    those at the points of ``strain``.
+    cell, ``weights`` those of the points at which stresses are integrated.  ValueError for problems
+    that no bound covers.  Subclasses have ``best_stress(state, tangent, P)``: an admissible stress
+    for which the bound is small, again at points, and its P.  It is sought near a state, by a
+    tangent of a state near it (or without factors), from the contact pressure P (contact facets,
+    N). The first are coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2,
+    c), the second those at the points of ``strain``.
     """
 
     weights = np.ones(1)
@@ -120,7 +118,7 @@ class BoundData:
         return np.matmul(stress.reshape(len(signs), -1, len(self.piola[0])), self.piola)
 
     def at_corners(self, values: np.ndarray) -> np.ndarray:
-        """What is given at three points of each triangle (., c) at its vertices, (nt, 3, c)."""
+        """Affine functions (., c), known at three points of each triangle, at its vertices."""
         result = np.matmul(AT_CORNERS, values.reshape(len(self.cells.nodes), 3, -1))
         result[self._turned, 1:] = result[self._turned, :0:-1]
         return result
@@ -134,7 +132,7 @@ class BoundData:
         )
 
     def energy(self, state: State) -> float:
-        """No less than J(u), with friction as ``contact`` has it."""
+        """Upper bound of J(u), with the friction of ``contact``."""
         more = float(
             self.contact.friction_works(state.u).sum() + self._missed(state).sum()
         )
@@ -164,13 +162,13 @@ class BoundData:
         return self.phi(state) - self.cells.volume * work
 
     def phi(self, state: State) -> np.ndarray:
-        """No less than int phi(eps(u)) over each cell."""
+        """Upper bound of int phi(eps(u)) over each cell."""
         points = self.discrete.points
         density = points.weights * self.discrete.law.energy_density(state.at)
         return density.reshape(-1, self.each).sum(axis=1) + self._missed(state)
 
     def _missed(self, state: State) -> np.ndarray:
-        """By how much the sum over the points may be below the integral, for each cell."""
+        """Upper bound of the integral less the sum over the points, for each cell."""
         area = self.cells.volume
         if self.each != 3:
             return np.zeros(len(area))
@@ -208,7 +206,7 @@ class BoundData:
     def balanced(self, state: State, tangent: Factors, load: np.ndarray) -> np.ndarray:
         """Stresses (points, c) in equilibrium with nodal forces (nodes, N).
 
-        What is missing in the nodal forces is made up for by a tangent.
+        The defect of the nodal forces is corrected by a tangent.
         """
         z = self.stress(state)
         forces = state.internal_forces
@@ -227,7 +225,7 @@ class BoundData:
         return stress_coordinates(*self.discrete.law.stress(state.at))
 
     def answer(self, tangent: Factors, change: np.ndarray) -> np.ndarray:
-        """The stress of a change of the displacements (nodes, N) by a tangent, (points, c)."""
+        """The stress of a change of displacements (nodes, N) by a tangent, (points, c)."""
         strain = self.discrete.points.strain(change)
         return stress_coordinates(*tangent.moduli.stress(*strain))
 

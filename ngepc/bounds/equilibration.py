@@ -27,9 +27,9 @@ PASSES = 2
 class Patches:
     """The cells around each vertex and the inverse Laplacians of their corners.
 
-    Corners are numbered vertex by vertex.  ``smallest`` is a force that counts as none (force): a
-    body without loads has stresses of rounding's size, which nothing can balance.  ValueError for a
-    body whose parts meet in a single vertex or edge.
+    Corners are numbered vertex by vertex.  ``smallest`` is a force that counts as zero: the
+    stresses of a body without loads are rounding errors, which cannot be balanced.  ValueError for
+    a body whose parts meet in a single vertex or edge.
     """
 
     def __init__(self, boundary: Boundary, smallest: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""Guaranteed intervals of forces and displacements, as wide as the product of two errors.
+"""Guaranteed intervals of forces and displacements; their width is a product of two errors.
 
 Let u_h be admissible and sigma^ in equilibrium with the loads and a contact pressure P^, as the
 error bound has them, gap_h = psi - u_h . n >= 0, and s(.) the stress by the strain of the step.  A
@@ -46,7 +46,7 @@ STEP = 1.6
 TRIES = 8
 REBUILDS = 2
 AGAIN = 1.5
-"""Adjoints are made again, so many times, where the best lambda is that much larger."""
+"""An adjoint is computed anew if the best lambda is larger by this factor."""
 LARGEST = 1e12
 FIRST = 3.0
 """The first lambda over (goal / twice the strain energy)^(1/2)."""
@@ -54,7 +54,7 @@ FIRST = 3.0
 
 @dataclass(frozen=True, eq=False)
 class GoalBound:
-    """What a goal of the continuous solution lies between.
+    """A guaranteed interval of a goal of the continuous solution.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class GoalBound:
 
     @property
     def message(self) -> str:
-        """What the interval does not see, and what stands for the goal; empty for neither."""
+        """Limits of the guarantee and replacements in the goal; empty if there are none."""
         rule = (
             ""
             if self.exact
@@ -152,7 +152,7 @@ class GoalBound:
 
 
 def goal_bound(result: object, goal: object) -> GoalBound:
-    """An interval that holds a force or a displacement of the continuous solution.
+    """A guaranteed interval of a force or a displacement of the continuous solution.
 
     Parameters
     ----------

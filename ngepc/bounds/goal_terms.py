@@ -1,4 +1,4 @@
-"""Goals of guaranteed intervals: what is asked for, as loads, pressed facets and moved supports.
+"""Goals of guaranteed intervals, as loads, contact facets and motions of supports.
 
 A goal Q is linear in the solution:  the work l(u) of a load, the resultant of c P for a number c on
 each contact facet, or minus the work of all forces in a motion of a support, a reaction.
@@ -162,7 +162,7 @@ def terms_of(goal: object, setting: BoundData) -> GoalTerms:
     ``goal`` is a name of ``NAMES``, one of the classes here, or has ``point`` and ``component``
     (``DisplacementAt``), ``support`` and ``component`` (``Reaction``).
 
-    TypeError, ValueError for what is none, or is not covered.
+    TypeError, ValueError for goals that are not legal or not covered.
     """
     problem = setting.problem
     zero = np.zeros(len(setting.contact.nodes))

@@ -33,16 +33,16 @@ from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 
 COVERS = BOUNDED - {"friction"}
-"""Features that brackets cover: bounds do, but slopes of the energy need no friction."""
+"""Features that brackets cover: those of bounds, without friction, for slopes of the energy."""
 
 PASSES = 3  # most lengths that are tried on each side
 MOST_STEPS = 100  # Newton steps of each solve
-NEAR = 1.3  # a length that is within this factor of the best one is good enough
+NEAR = 1.3  # lengths within this factor of the best one are accepted
 
 
 @dataclass(frozen=True)
 class Between:
-    """What a quantity of the continuous solution lies between, guaranteed.
+    """Guaranteed bounds of a quantity of the continuous solution.
 
     Parameters
     ----------

@@ -32,9 +32,9 @@ from ngepc.bounds.supremum import PointData, Stresses, suprema
 from ngepc.discretisation.law import Law
 
 SPLITS = {3: 3, 4: 2}
-"""How often a part is cut at most, by its number of vertices."""
+"""Most levels of cutting, by the number of vertices of a part."""
 WORTH = 0.05
-"""Parts are cut until that can gain this part of the integrals."""
+"""Parts are cut until the possible gain is this part of the integrals."""
 
 
 MIDDLE = {}

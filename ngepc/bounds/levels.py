@@ -15,7 +15,7 @@ from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import lower_triangle
 
 EDGE_STEPS = (
-    6  # degree of the polynomial that stands for the inverse on the edges, plus one
+    6  # degree plus one of the polynomial that approximates the inverse on the edges
 )
 LEAST = 0.2  # where the eigenvalues begin for which it is small, relative to their upper bound
 MODES_UP_TO = 1000
@@ -89,7 +89,7 @@ class TwoLevels(Blocks):
         self._gram = np.array([self._modes @ forces(mode) for mode in self._modes])
 
     def product(self, x: np.ndarray) -> np.ndarray:
-        """K x; without modes x vanishes on held unknowns, and what would hold them is left out."""
+        """K x; without modes x vanishes on held unknowns, and forces on them are left out."""
         if len(self._modes):
             return self._forces(x)
         vertex = x[: self._count]
@@ -113,7 +113,7 @@ class TwoLevels(Blocks):
         )
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
-        """What nearly solves K x = r."""
+        """The preconditioner: an approximate solution of K x = r."""
         x = self._relaxed(r)
         if len(self._modes):
             x += np.linalg.solve(self._gram, self._modes @ r) @ self._modes
@@ -138,7 +138,7 @@ class TwoLevels(Blocks):
         self._largest = abs(self._edge_matrix).sum(axis=1).max()
 
     def _of_edges(self, r: np.ndarray) -> np.ndarray:
-        """What nearly answers forces on edges: Chebyshev's polynomial, positive for all of them."""
+        """An approximate solution for forces on edges by Chebyshev's polynomial."""
         middle = self._largest * (1 + LEAST) / 2
         half = self._largest * (1 - LEAST) / 2
         r = self._scale * r
@@ -153,7 +153,7 @@ class TwoLevels(Blocks):
         return self._scale * x
 
     def _relaxed(self, r: np.ndarray) -> np.ndarray:
-        """Free unknowns that answer forces: edges, vertices, and edges that follow them."""
+        """Free unknowns for forces: edges, vertices, and edges once more."""
         count = self._count
         edge = self._of_edges(r[count:])
         vertex = r[:count] - self._on_vertices(edge)
@@ -164,7 +164,7 @@ class TwoLevels(Blocks):
         return np.concatenate([vertex, edge])
 
     def solve(self, right: np.ndarray, bound: float, gain: float, most: int) -> tuple:
-        """Unknowns that nearly solve K x = right, and the bound, which each step lowers.
+        """An approximate solution of K x = right, and the bound, which each step lowers.
 
         Conjugate gradients that end after ``most`` steps, or at a step that gains less than the
         part ``gain`` of the bound.

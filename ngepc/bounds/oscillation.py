@@ -1,4 +1,4 @@
-"""Loads that vary inside elements: what the stress carries exactly, and a bound of what it leaves.
+"""Loads that vary inside elements: the part that the stress balances, a bound for the rest.
 
 A stress carries body forces that are constant on the N + 1 parts of a cell, such that their work on
 rigid motions is that of f, and affine tractions with the moments of g.  What is left is orthogonal
@@ -181,7 +181,7 @@ class CarriedLoads:
         return shares[:, [nodes.index(node) for node in self.cells.nodes[number]]]
 
     def _leave_tractions(self, boundary: Boundary) -> None:
-        """What tractions leave."""
+        """The contribution of tractions to ``left``."""
         c = self.cells
         facets, squares = boundary.uneven
         cell = c.owners[facets, 0]

@@ -1,4 +1,4 @@
-"""Polynomials on triangles and tetrahedra: how they are split and integrated.
+"""Polynomials on triangles and tetrahedra: splitting and integration.
 
 An affine function has its values at the vertices as coefficients, a quadratic one on a triangle
 those of Bernstein's polynomials, vertices first: it lies in their convex hull.  Tables are by the
@@ -109,7 +109,7 @@ AT_NODES = quadratics(
 WORTH = {3: 0.004, 4: 0.02, 6: 0.007}
 """Parts are split for the plastic term until that can gain this part of the bound.
 
-Half of it on each level: there are parts enough whose gain is nothing.
+Half of it on each level, as many parts gain nothing.
 """
 
 SPLIT_LEVELS = {3: 3, 4: 2, 6: 2}  # how often a part is split at most
@@ -138,7 +138,7 @@ _DEGREE_SIX = triangle_rule(6)
 
 
 def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.ndarray:
-    """No less than int (|s| - beta)^2 for quadratic s, exact but for a fourth power of variations.
+    """Upper bound of int (|s| - beta)^2 for quadratic s, up to fourth powers of variations.
 
     With r = |s|^2/c - 1 >= m > -1 Taylor's remainder gives
 
@@ -180,7 +180,7 @@ def square_integrals(values: np.ndarray, volume: np.ndarray) -> np.ndarray:
 
 
 def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """No more than int ([|s| - beta]_+)^2, exact up to the fourth power of the variation of s.
+    """Lower bound of int ([|s| - beta]_+)^2, up to fourth powers of the variation of s.
 
     Where |s| > beta everywhere that is |s|^2 - 2 beta |s| + beta^2, and with r = |s|^2/c - 1
 

@@ -116,7 +116,7 @@ class Model:
         return self._values + self.space.area * (work @ self.space.rule.weights) / 2
 
     def linearised(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        """The integral for stresses, and what it pulls at the unknowns."""
+        """The integral for stresses, and its derivative by the unknowns."""
         value = 0.0
         forces = np.empty(self.space.unknowns.shape)
         for cells in portions(len(z)):
@@ -127,7 +127,7 @@ class Model:
         return value, -self.space.gathered(forces)
 
     def missed(self, dual: Dual, z: np.ndarray) -> np.ndarray:
-        """By how much the functional exceeds the model on each triangle: zero where none yields."""
+        """The functional less the model on each triangle: zero where none yields."""
         result = np.zeros(len(z))
         for cells in portions(len(z)):
             whole = dual.of(cells)
@@ -220,7 +220,7 @@ class PlaneBoundData(BoundData):
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """An admissible stress for which the bound is small, again at points, and its P."""
+        """An admissible stress with a small bound, at points, and its pressure P."""
         moments, forces = self.loads(state, P)
         stress = self.balanced(state, tangent, forces)
         dual = Dual(self.space, self.conjugate, self.strain(state))

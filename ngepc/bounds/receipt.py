@@ -1,4 +1,4 @@
-"""Receipts: the least energy of a body lies in an interval, in a file that needs no ngepc to check.
+"""Receipts: a proof, in a file, that the least energy of a body lies in an interval.
 
 The file has mesh, data, displacement, stress and contact pressure as ``check_receipt`` reads them:
 each cell is cut into the N + 1 parts on which the stress of the error bound is a polynomial, and
@@ -39,7 +39,7 @@ RESOLVED = 0.02
 CLEARANCE = 1e-11
 """Part of the largest displacement by which bodies are moved away from the obstacle."""
 WIDER = 1e-12
-"""Part of the energies by which claims are wider than what was found: other machines round."""
+"""Part of the energies by which claims are widened, for rounding on other machines."""
 _CENTRE = {
     2: IntegrationRule([(1 / 3, 1 / 3)], [1.0]),
     3: IntegrationRule([(1 / 4, 1 / 4, 1 / 4)], [1.0]),
@@ -99,7 +99,7 @@ def write_receipt(result: ExactResult, path: str | Path) -> tuple[float, float]:
 
 
 def check_written(setting: BoundData, bound: ErrorBound) -> None:
-    """Refuse by name (ValueError) what there is no receipt for."""
+    """Refuse problems without a receipt with a ValueError that names the argument."""
     law = setting.discrete.law
     if not bound.guaranteed:
         raise ValueError(f"result: a receipt is a proof. {bound.message}")

@@ -119,7 +119,7 @@ class Simplices:
 
 
 def marked(indicators: np.ndarray, share: float) -> np.ndarray:
-    """The fewest cells whose indicators add up to a share of all, as booleans (Doerfler)."""
+    """The fewest cells whose indicators add up to a share of the sum, as booleans (Doerfler)."""
     order = np.argsort(-indicators)
     sums = np.cumsum(np.maximum(indicators[order], 0.0))
     result = np.zeros(len(indicators), dtype=bool)

@@ -69,7 +69,7 @@ class Faces:
         self._jacobian = c.jacobian.astype(SINGLE)
 
     def fill(self, H: np.ndarray, loads: np.ndarray) -> np.ndarray:
-        """Take the compliances d2 phi*/dz2 of the tetrahedra, (nt, 6, 6), and the blocks of S.
+        """Set the compliances d2 phi*/dz2 of the tetrahedra, (nt, 6, 6), and the blocks of S.
 
         Returned are the moments (nt, 12, 3) of the best stresses with body forces (nt, 6) and
         delta = 0.
@@ -166,7 +166,7 @@ class SolidBoundData(BoundData):
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """An admissible stress for which the bound is small, its mean on each cell, and P."""
+        """An admissible stress with a small bound, its mean on each cell, and its pressure P."""
         c = self.cells
         faces = self.faces
         z = self.stress(state)
@@ -218,7 +218,7 @@ class SolidBoundData(BoundData):
     def sharpened(
         self, state: State, tangent: Factors, own: np.ndarray, P: np.ndarray
     ) -> tuple[np.ndarray, tuple | None]:
-        """The pressure of a body that is held where P > 0, as far as it presses, and its search."""
+        """The pressure of a body that is held where P > 0, and the state of its search."""
         faces = self.faces
         on = self.boundary.contact
         closed = (P > 0).all(axis=1)[:, None]

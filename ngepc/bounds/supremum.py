@@ -1,4 +1,4 @@
-"""The largest value that an unknown strain can give to the integrand of a goal, point by point.
+"""The supremum of the integrand of a goal over the unknown strain, point by point.
 
 With the law s(.) of the step, the strain eps_h of the result and stresses tau and sigma^,
 
@@ -28,15 +28,15 @@ from ngepc.bounds.parts import portions
 from ngepc.bounds.simplices import sliced
 
 ANGLES = 12
-"""Parts of the angle; what they give away falls with the square of their number."""
+"""Parts of the angle; the loss falls with the square of their number."""
 FLAT = 1e-6
-"""Part of the slope below which a second derivative says nothing."""
+"""Smaller second derivatives, as a part of the slope, are not used."""
 TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True, eq=False)
 class PointData:
-    """What the supremum needs at points, arrays of shape (n,) and (n, d).
+    """Data of the supremum at points, arrays of shape (n,) and (n, d).
 
     ``bulk``, ``two_mu``, ``hardening`` and ``beta`` are the law's; ``volume`` tr eps_h, ``trial``
     s, ``back`` dev alpha_0 and ``stress`` the deviatoric stress s(eps_h).
@@ -74,7 +74,7 @@ class Stresses:
 def suprema(
     at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
 ) -> np.ndarray:
-    """No less than the supremum at each point, shape (n,).
+    """Upper bound of the supremum at each point, shape (n,).
 
     Parameters
     ----------

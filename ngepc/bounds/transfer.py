@@ -1,6 +1,6 @@
 """The data of a problem, and its displacements, on a bisected copy of the mesh.
 
-The copy tells its ``parents``: for each of its elements the number of the one that it lies in.
+``parents`` maps each of its elements to the number of the one that it lies in.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def bisected(mesh: Mesh, chosen: np.ndarray) -> tuple[Mesh, np.ndarray]:
 
 
 def copied(mesh: Mesh) -> tuple[Mesh, GridFunction]:
-    """What can be bisected: spaces on meshes that Netgen has refined before transfer wrongly.
+    """A copy that can be bisected; spaces on meshes refined by Netgen transfer wrongly.
 
     The body stays what the mesh is: new vertices are not moved to curved boundaries.  The function
     follows the bisections, see ``parents_in``.
@@ -89,7 +89,8 @@ def bisected_to(
 
 
 def check_carried(problem: Problem) -> None:
-    """Refuse, by name, what no bound covers, and boundary data made of finite element functions."""
+    """Refuse, by name, problems that no bound covers, and boundary data of finite element
+    functions."""
     check_covered(problem)
     names = [*ACTING, "gap", "friction", "initial_displacement"]
     if problem.f is not None and varies_inside(problem, problem.f):

@@ -107,9 +107,8 @@ class Obstacle(Declared):
                 f"{self!r} needs a mesh of dimension {legal}, this one has {N}"
             )
         if far is None:
-            far = 10 * processes_of(mesh).maximum(
-                np.ptp(vertex_coordinates(mesh), axis=0)
-            )
+            extent = processes_of(mesh).extent(vertex_coordinates(mesh))
+            far = 10 * float(extent.max())
         far = require_number("far", far, 0, strict=True)
         if motion is not None:
             X = X - require_components("motion", motion, N)

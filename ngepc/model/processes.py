@@ -77,6 +77,12 @@ class Team:
         """The largest of the values >= 0 of all processes, 0 for none."""
         return max(self.all(float(values.max(initial=0.0))))
 
+    def extent(self, points: np.ndarray) -> np.ndarray:
+        """The extent of the points (k, N) of all processes along each axis, shape (N,)."""
+        low = np.min(self.all(points.min(axis=0)), axis=0)
+        high = np.max(self.all(points.max(axis=0)), axis=0)
+        return high - low
+
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """The inner product of two nodal arrays, flat ones too."""
         if self.comm is not None:

@@ -1,0 +1,308 @@
+"""Bodies in parts, without MPI: every number is that of the whole, and no sum can be left out.
+
+``teams`` runs the processes as threads.  ``python tests/local/test_sums.py`` takes one sum over
+processes away after the other and tells what notices it: a number that changes, or a run that
+fails.  The tests do that for one sum of each room, and for the list of those that nothing notices.
+"""
+
+import re
+import sys
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ngsolve import IfPos, Mesh, x
+from teams import Jacobi, run
+
+import ngepc
+from ngepc import Coulomb, Material, NewtonOptions, Problem, Voce, evolve
+from ngepc import semismooth_newton as solve
+from ngepc.geometries import block
+from ngepc.geometries.outlines import netgen_mesh
+from ngepc.local.indicators import error_indicators
+from ngepc.model import parts
+from ngepc.model.obstacles import Sphere
+from ngepc.model.processes import Team
+
+PACKAGE = Path(ngepc.__file__).parent
+OPTIONS = NewtonOptions(inverse=Jacobi(max_iterations=3000), tolerance=1e-9)
+METAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0
+)
+PERFECT = Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=Voce(4.0, 0.0, 1.0))
+SAMPLE = (
+    "discretisation/points.py:Points.integral total",
+    "discretisation/loads.py:Supports.pull summed",
+    "evolution/result.py:StepRecord.of maximum",
+    "linalg/descent.py:conjugate_gradients dot",
+    "local/indicators.py:averaged summed",
+    "model/support.py:_agreed summed",
+    "results/equilibrium.py:Equilibrium.resultant total",
+)
+"""One sum of each room that has any."""
+
+UNNOTICED = {
+    "discretisation/conditions.py:initial_displacements spread": "equal but for rounding",
+    "local/active_set.py:InexactTarget.__call__ spread": "equal but for rounding",
+    "local/iterative.py:IterativeTangent.minimise dot": "whether a start is zero",
+    "model/support.py:_agreed any": "all processes with the vertex see it",
+    "model/support.py:free_motions maximum": "the scale of a tolerance",
+    "results/iteration.py:slope_rounding dot": "an estimate of rounding",
+    "results/iteration.py:slope_rounding maximum": "an estimate of rounding",
+}
+"""Sums that may be left out without a change of a number, and why."""
+
+
+def bodies(comm):
+    """Solids with each kind of contact and support; a plane one for several boundaries."""
+    whole = block.structured_mesh(2, 2, 2, simplices=True)
+    mesh = parts.distribute(whole if comm.rank == 0 else None, comm).refined()
+    free = Problem(mesh, METAL, contact="contact", gap=-0.03, order=1)
+    yield "clamped", free
+    yield "Tresca", replace(free, friction=1.0 + x)
+    yield "Coulomb", replace(free, friction=Coulomb(0.3))
+    sphere = Sphere(centre=(0.5, 0.5, 1.95), radius=1.0)
+    yield "sphere", replace(free, gap=sphere.gap(mesh))
+    springs = {"clamped": 2e3, "left": (10.0, 20.0, 30.0)}
+    yield "springs", replace(free, clamped=None, springs=springs)
+    held = {"clamped": (0, 0, 0), "left": (0, None, None), "right": (0, None, None)}
+    yield "guided", replace(free, clamped=None, prescribed=held)
+    yield "halves", halves(comm)
+    push = {"traction": {"contact": (0.5, 0.0, -4.0)}, "contact": None, "gap": None}
+    yield "perfect", replace(free, material=PERFECT, **push)
+
+
+def strip():
+    """Four by two squares cut in two; what is above and below the left half has other names.
+
+    The cut between the parts ends where these boundaries end: a vertex of a boundary lies on a
+    process that has no element of it.
+    """
+    points = np.array([(i / 2, j / 2) for j in range(3) for i in range(5)], dtype=float)
+    cells = []
+    for j in range(2):
+        for i in range(4):
+            a, b, c, d = np.array([0, 1, 6, 5]) + 5 * j + i
+            cells += [(a, b, c), (a, c, d)]
+    sides = {"contact": (0, 2, 0), "below": (2, 4, 0), "held": (0, 2, 10)}
+    sides["above"] = (2, 4, 10)
+    regions = [(2, "body", np.array(cells))]
+    for name, (first, last, row) in sides.items():
+        ends = [(row + i, row + i + 1) for i in range(first, last)]
+        regions.append((1, name, np.array(ends)))
+    regions.append((1, "left", np.array([(0, 5), (5, 10)])))
+    regions.append((1, "right", np.array([(4, 9), (9, 14)])))
+    return Mesh(netgen_mesh(2, points, regions))
+
+
+def halves(comm):
+    """A plane body with contact and friction on one of two processes, a support on the other."""
+    mesh = parts.distribute(strip() if comm.rank == 0 else None, comm)
+    disc = Sphere(centre=(0.3, -0.5), radius=0.52)
+    return Problem(
+        mesh,
+        METAL,
+        None,
+        {"left": (0.2, -6.0)},
+        prescribed={"above": (0.0, 0.0)},
+        contact="contact",
+        gap=disc.gap(mesh),
+        friction=Coulomb(IfPos(1 - x, 0.3 * (1 - x), 0.0)),
+        kinematics="plane strain",
+        order=1,
+    )
+
+
+def refused(comm):
+    """The kind of error for a vertex with two given displacements, each known to one process."""
+    mesh = parts.distribute(strip() if comm.rank == 0 else None, comm)
+    held = {"above": (0.0, 0.0), "held": (0.0, 0.1)}
+    try:
+        Problem(mesh, METAL, None, prescribed=held, kinematics="plane strain", order=1)
+    except ValueError as error:
+        return "must agree" in str(error)
+    return "accepted"
+
+
+def between(result):
+    """A state on the way to a solution, which is not feasible."""
+    discrete = result.state.discrete
+    return discrete.state(2.0 * result.state.u, contact=0.5 * result.state.contact)
+
+
+def numbers(result):
+    """Room -> what a user reads, the same on all processes."""
+    state = between(result)
+    problem = result.problem
+    processes = problem.processes
+    indicators = error_indicators(result).vec.FV().NumPy()
+    balance = result.equilibrium
+    return {
+        "model": [processes.count, processes.maximum(np.abs(result.open_gap))],
+        "discretisation": [
+            result.contact_area,
+            result.state.body.yield_forces,
+            state.penetration,
+            state.touching_distance * 1e9,
+            state.trial_forces,
+            state.force_scale,
+            state.residual_norm,
+            state.friction_work,
+            result.state.flowing,
+            *balance.resultant(balance.applied),
+            *balance.moment(balance.applied),
+        ],
+        "results": [
+            result.contact_force,
+            *result.friction_force,
+            result.contact_facets,
+            result.largest_strain,
+            result.largest_rotation,
+            *np.concatenate([*balance.reactions.values(), np.zeros(3)]),
+        ],
+        "local": [
+            result.iterations,
+            sum(result.history.column("linear_iterations")) // 30,
+            result.primal_energy,
+            result.history.records[-1].plastic_active,
+            result.history.records[-1].friction_active,
+            result.residual_rounding if hasattr(result, "residual_rounding") else 0.0,
+            processes.total(float(indicators.sum())),
+        ],
+    }
+
+
+def history(problem):
+    """Room -> the numbers of a short history."""
+    steps = [(1.0, {"gap": -0.03}), (2.0, {"gap": -0.02})]
+    found = evolve(problem, steps, partial(solve, options=OPTIONS))
+    names = (
+        "contact_force",
+        "elastic_energy",
+        "dissipation",
+        "max_plastic_strain",
+        "max_contact_pressure",
+        "max_slip",
+    )
+    rows = found.as_rows()
+    return {"evolution": [row[name] for row in rows for name in names]}
+
+
+def readings(comm):
+    """(body, room) -> numbers; words are compared, too."""
+    found = {("refusal", "words"): refused(comm)}
+    for name, problem in bodies(comm):
+        result = solve(problem, options=OPTIONS)
+        for room, values in numbers(result).items():
+            found[name, room] = np.array(values, dtype=float)
+        told = result.summary()
+        note = re.sub(
+            r"Friction\b.*?\. ", "", told.get("note", "")
+        )  # one process searches
+        found[name, "words"] = (told["status"], told["body"], note)
+        if name == "Coulomb":
+            for room, values in history(problem).items():
+                found[name, room] = np.array(values, dtype=float)
+    return found
+
+
+def differences(one, two):
+    """Where the numbers of two processes are not those of one."""
+    for key, expected in one.items():
+        for found in two:
+            same = (
+                found[key] == expected
+                if key[1] == "words"
+                else np.allclose(found[key], expected, rtol=1e-6, atol=1e-9)
+            )
+            if not same:
+                yield key
+
+
+@cache
+def whole():
+    """The numbers of one process."""
+    return run(1, readings)[0]
+
+
+def caller():
+    """Module, function and line of the package that called a method of ``Team``."""
+    frame = sys._getframe(2)
+    while frame.f_code.co_filename.endswith("processes.py"):
+        frame = frame.f_back
+    path = Path(frame.f_code.co_filename)
+    if not path.is_relative_to(PACKAGE):
+        return None
+    return f"{path.relative_to(PACKAGE)}:{frame.f_code.co_qualname}"
+
+
+LOCAL = {
+    "total": lambda team, value: value,
+    "summed": lambda team, values: values,
+    "spread": lambda team, values: values,
+    "dot": lambda team, a, b: float(np.vdot(a, b)),
+    "norm": lambda team, a: float(np.linalg.norm(a)),
+    "maximum": lambda team, values: float(values.max(initial=0.0)),
+    "any": lambda team, flags: bool(flags.any()),
+}
+"""What is left of each sum where a process takes its own part for the whole."""
+
+
+def with_sums(patch, left_out=None, seen=None):
+    """Let the sum at one place be left out, and note at which places there are sums."""
+    for name, local in LOCAL.items():
+        usual = getattr(Team, name)
+
+        def method(self, *values, name=name, local=local, usual=usual):
+            place = f"{caller()} {name}"
+            if seen is not None and self.size > 1:
+                seen.add(place)
+            found = usual(self, *values)
+            return local(self, *values) if place == left_out else found
+
+        patch.setattr(Team, name, method)
+
+
+@cache
+def places():
+    """All places of the package where something is summed."""
+    seen = set()
+    with pytest.MonkeyPatch.context() as patch:
+        with_sums(patch, seen=seen)
+        assert list(differences(whole(), run(2, readings))) == []
+    return sorted(place for place in seen if not place.startswith("None"))
+
+
+def told_by(place):
+    """What notices that the sum at one place is left out; empty for nothing."""
+    with pytest.MonkeyPatch.context() as patch:
+        with_sums(patch, left_out=place)
+        try:
+            different = set(differences(whole(), run(2, readings)))
+        except Exception as error:
+            return f"{type(error).__name__}: {error}"
+    return ", ".join(sorted(f"{room} of {body}" for body, room in different))
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_every_number_of_several_processes_is_that_of_one(count):
+    assert list(differences(whole(), run(count, readings))) == []
+
+
+def test_each_room_that_sums_is_in_the_sample():
+    found = places()
+    assert set(SAMPLE) | set(UNNOTICED) <= set(found)
+    assert {p.split("/")[0] for p in SAMPLE} == {p.split("/")[0] for p in found}
+
+
+@pytest.mark.parametrize("place", SAMPLE)
+def test_a_sum_that_is_left_out_is_noticed(place):
+    assert told_by(place)
+
+
+if __name__ == "__main__":
+    for place in places():
+        expected = UNNOTICED.get(place, "NOTHING NOTICES IT")
+        print(f"{place}: {told_by(place) or expected}", flush=True)
