@@ -39,7 +39,7 @@ def bisected(mesh: Mesh, chosen: np.ndarray) -> tuple[Mesh, np.ndarray]:
 
 
 def copied(mesh: Mesh) -> tuple[Mesh, GridFunction]:
-    """A copy that can be bisected; spaces on meshes refined by Netgen transfer wrongly.
+    """A copy of a mesh for bisection: on meshes refined by Netgen spaces transfer wrongly.
 
     The body stays what the mesh is: new vertices are not moved to curved boundaries.  The function
     follows the bisections, see ``parents_in``.
@@ -89,8 +89,7 @@ def bisected_to(
 
 
 def check_carried(problem: Problem) -> None:
-    """Refuse, by name, problems that no bound covers, and boundary data of finite element
-    functions."""
+    """Refuse problems that no bound covers, and boundary data of finite element functions."""
     check_covered(problem)
     names = [*ACTING, "gap", "friction", "initial_displacement"]
     if problem.f is not None and varies_inside(problem, problem.f):

@@ -1,1 +1,1 @@
-"""Several time steps in a row: the load path, what the body remembers, the file of a history."""
+"""Load histories: the load path, time steps with their history variables, checkpoints."""

@@ -1,4 +1,4 @@
-"""Increments by accuracy: the same history with steps twice as long says how far it is off.
+"""Increments by accuracy: a second run with doubled steps estimates the time error.
 
 Implicit Euler steps are of first order in time.  Two runs go through the history side by side, the
 coarse one with one step where the fine one has two.  What they differ by at the end of a step
@@ -26,11 +26,12 @@ from ngepc.results.outcome import Status
 log = logging.getLogger(__name__)
 
 FEW = 8
-"""A history of fewer listed steps is halved once in any case: one step beside two misses kinks."""
+"""A history of fewer listed steps is halved once in any case, as one step beside two misses
+kinks."""
 
 
 class Run(Protocol):
-    """What goes from step to step; ``state`` can be put back."""
+    """What passes from step to step; ``state`` can be restored."""
 
     evolution: Evolution
 
@@ -46,7 +47,7 @@ class Run(Protocol):
 
 
 class Difference:
-    """How far two histories are apart, relative to the largest values that they have had."""
+    """The difference of two histories, relative to the largest values so far."""
 
     def __init__(self, points: Points) -> None:
         self._points = points
@@ -54,7 +55,7 @@ class Difference:
         self._force = 0.0
 
     def see(self, step: EvolutionStep) -> None:
-        """Take note of how large stress and force of contact become."""
+        """Update the largest stress and contact force."""
         strain = tensors(self._points, step.fields.elastic_strain)
         force = np.array(step.record.contact_resultant)
         self._stress = max(self._stress, self._norm(step, strain))
@@ -79,7 +80,7 @@ class Difference:
 
 
 def relative(size: float, largest: float) -> float:
-    """A size over the largest one; 0 where nothing has happened."""
+    """A size over the largest one; 0 if both are zero."""
     return size / largest if largest > 0 else 0.0
 
 
@@ -156,7 +157,7 @@ class Increments:
             now = end
 
     def _record(self, apart: float) -> None:
-        """Keep the estimate at the end of two fine steps, and show them to the monitor."""
+        """Record the estimate at the end of two fine steps, and call the monitor with them."""
         steps = self.fine.evolution.steps
         record = replace(steps[-1].record, time_error=apart)
         steps[-1] = replace(steps[-1], record=record)
@@ -179,7 +180,7 @@ class Increments:
 
 
 def preview(run: Run, ends: list[float], difference: Difference) -> None:
-    """Go through the listed steps once, as far as they converge, for the size of the answer."""
+    """Run the listed steps once, as far as they converge, for the size of stress and force."""
     state = run.state
     for end in ends:
         status, _ = run.solve_step(end, 0)

@@ -1,4 +1,4 @@
-"""What happens to a body in time: loads, gaps and prescribed displacements as functions of time."""
+"""Load paths: loads, gaps and prescribed displacements as functions of time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ngepc.model.places import Roller
 from ngepc.model.problem import Problem
 
 Changes = Mapping[str, object]
-"""Field of ``Problem`` -> its value in the step; what is not named is as in the problem."""
+"""Field of ``Problem`` -> its value in the step; other fields are those of the problem."""
 
 # The body, and what earlier steps decide, do not change; a load cycle scales its loads
 CARRIED = ("mesh", "kinematics", "initial_plastic_strain", "initial_hardening")
@@ -35,8 +35,8 @@ class Listed(dict[float, Changes]):
 class Schedule:
     """Steps at given times, with changes that are known at every time.
 
-    A step that fails can be cut in two, because ``changes`` also tells what holds in between, if
-    it is a function of time; ``Schedule.listed`` makes a schedule of which that is not known.
+    A step that fails can be cut in two, because ``changes`` is also known in between, if it is a
+    function of time; ``Schedule.listed`` makes a schedule of which that is not known.
 
     Parameters
     ----------
@@ -108,11 +108,11 @@ class Schedule:
 
     @property
     def divisible(self) -> bool:
-        """Whether steps can be cut: it is known when they begin, and what holds in between."""
+        """Whether steps can be cut: their beginning and the changes in between are known."""
         return self.begin is not None and not isinstance(self.changes, Listed)
 
     def at(self, time: float) -> Changes:
-        """The changes at a time; refuses what is no mapping or names what no step may change."""
+        """The changes at a time; an error if they are not a mapping of legal fields."""
         changes = self.changes(time)
         if not isinstance(changes, Mapping):
             raise TypeError(
@@ -181,7 +181,7 @@ def load_cycle(problem: Problem, factors: Sequence[float], steps: int = 1) -> Sc
 
 
 def scaled(data: object, factor: float) -> object:
-    """Data of a problem times a factor: numbers, coefficients, and what holds them."""
+    """Data of a problem times a factor: numbers, coefficients, and containers of these."""
     if data is None:
         return None
     if isinstance(data, Mapping):

@@ -34,7 +34,7 @@ _DEVIATORS = np.einsum(
     "kij,dij->kd", _UNITS, SOLID.basis
 )  # and its deviatoric coordinates
 
-# Relative change of a strain that ends a search, and the stress that may then be missing
+# Relative change of a strain that ends a search, and the tolerance of the stress
 PRECISE = 1e-15
 ACCEPTED = 1e-11
 
@@ -43,7 +43,7 @@ Path = Mapping[str, float | Sequence[float]]
 
 @dataclass(frozen=True, eq=False)
 class PointHistory:
-    """What a material point went through, at the end of each increment.
+    """The history of a material point, at the end of each increment.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class _Point:
         scale = self.law.beta[0] + np.abs(target[free]).max(initial=0.0)
 
         def missing(part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """What the stresses miss with these free strains, and its derivative."""
+            """The stress residual for these free strains, and its derivative."""
             e[free] = part
             stress, tangent, _ = self.stress(e)
             return (stress - target)[free] / scale, tangent[np.ix_(free, free)] / scale

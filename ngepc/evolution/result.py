@@ -1,4 +1,4 @@
-"""What time steps leave: to the next step, of each its fields and numbers, and in a file."""
+"""Results of load histories: history variables, fields and numbers of each step, checkpoints."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from ngepc.results.result import DiscreteSolution, Result
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What a body remembers, p_0 and alpha_0 of (2.15) and (2.16), at the integration points.
+    """The history variables p_0 and alpha_0 of (2.15) and (2.16) at the integration points.
 
     ``arrays`` are coordinates of "plastic_strain" p_0 (1) and "back_stress" dev alpha_2,0 (stress),
     shape (points, d), "hardening_variable" alpha_1,0 >= 0 (1) and "accumulated", PEEQ (1), shape
@@ -61,7 +61,7 @@ class Memory:
         return cls(PointFunctions(points), arrays, problem.material)
 
     def after_step(self, step: EvolutionStep) -> Memory:
-        """What a step leaves, from its displacement and its plastic strain."""
+        """The history after a step, from its displacement and its plastic strain."""
         points = self.functions.points
         problem = step.problem
         p = points.at(step.fields.plastic_increment)
@@ -80,7 +80,7 @@ class Memory:
     ) -> Memory:
         """p_0 + p, alpha_2 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step.
 
-        ``own`` is what the law alone remembers.
+        ``own`` are additional history variables of the law.
         """
         at = self.functions.points.at
         size = np.linalg.norm(p, axis=1)
@@ -97,7 +97,7 @@ class Memory:
     def with_material(self, material: Material) -> Memory:
         """The same strains with the moduli of another material.
 
-        What goes on is the plastic strain, PEEQ, alpha_2 / k and alpha_1 / k_1: the strains whose
+        The plastic strain, PEEQ, alpha_2 / k and alpha_1 / k_1 are kept: the strains whose
         energy is that of hardening.  The stresses alpha_2 and alpha_1 follow the moduli k and k_1.
         ValueError where a kind of hardening comes or goes, since its strain is not known.
         """
@@ -152,7 +152,7 @@ class Memory:
 
 
 def check_kind(one: Material, other: Material) -> None:
-    """Accept a material of a step that remembers what the other one does."""
+    """Accept a material of a step with the same history variables as the other one."""
     for name in ("law", "hill", "overlay"):
         before = getattr(one, name)
         after = getattr(other, name)
@@ -192,12 +192,12 @@ class StepRecord:
     elastic_energy: (
         float  # 1/2 int C (eps(u) - p) : (eps(u) - p) with the total plastic strain
     )
-    dissipation: float  # int beta g by what the step gains of plastic strain
+    dissipation: float  # int beta g for the plastic strain gained in the step
     max_plastic_strain: float  # largest |p_0 + p|_F at the points
     nodes: int  # vertices of the mesh of the step
     error_bound: float | None = None  # ``ErrorBound.relative`` where one was asked for
     time_error: float | None = None
-    """Estimate of what the increments up to here are off, relative, where an accuracy was asked."""
+    """Estimate of the relative time error up to this step, if an accuracy was given."""
     max_contact_pressure: float = 0.0  # largest at the nodes (stress), exact methods
     max_slip: float = 0.0  # largest in this step at the nodes (length), exact methods
 
@@ -295,7 +295,9 @@ class EvolutionStep:
     @property
     def contact_pressure(self) -> GridFunction:
         """The contact pressure (stress), positive in compression, as in a result."""
-        if self.contact is None:  # as if it were not there: pictures ask for it
+        if (
+            self.contact is None
+        ):  # an AttributeError, as pictures test for the attribute
             raise AttributeError("contact_pressure: this step was solved with gamma")
         return self.solution.contact_pressure
 
@@ -306,7 +308,7 @@ class EvolutionStep:
 
     @property
     def slip(self) -> np.ndarray:
-        """What each contact row has slipped in this step (length), shape (rows, N - 1)."""
+        """The slip of each contact row in this step (length), shape (rows, N - 1)."""
         return self.solution.nodal_slip
 
     def __repr__(self) -> str:
@@ -318,7 +320,7 @@ class EvolutionStep:
 
 @dataclass(eq=False)
 class Evolution(Ending):
-    """What ``evolve`` returns: the finished steps, and how the run ended.
+    """The result of ``evolve``: the finished steps, and how the run ended.
 
     Parameters
     ----------
@@ -347,7 +349,7 @@ class Evolution(Ending):
 
     @property
     def time_error(self) -> float | None:
-        """The largest ``StepRecord.time_error``: what the increments are off, an estimate.
+        """The largest ``StepRecord.time_error``, an estimate of the error of the increments.
 
         None where no accuracy was asked for.
         """
@@ -397,7 +399,7 @@ class Evolution(Ending):
 
 
 class EvolutionFile:
-    """The checkpoint of one evolution, all finished steps, written whole; OSError if it cannot be.
+    """The checkpoint of an evolution, written atomically; OSError if it cannot be written.
 
     Processes that share the mesh have one each, '<stem>_0000<suffix>', ..., with what is on their
     parts.
@@ -424,7 +426,7 @@ class EvolutionFile:
         self.fingerprint = work_fingerprint("evolution", problem, **told)
 
     def load(self) -> tuple[list[tuple[dict, dict]], list[tuple[float, int]]]:
-        """Rows and arrays of the steps that an earlier run left, and what was pending.
+        """Rows and arrays of the steps of an earlier run, and the pending steps.
 
         ValueError if the file is damaged or belongs to other work.
         """

@@ -1,4 +1,4 @@
-"""Several time steps: implicit Euler steps of section 2 one after the other, p_0, alpha_0 carried.
+"""Load histories: the implicit Euler steps of section 2, which pass on p_0 and alpha_0.
 
 Each step is a problem of the kind (2.14) with the plastic strain and the hardening variables that
 the steps before left behind.
@@ -44,7 +44,7 @@ log = logging.getLogger(__name__)
 UNCUT = (
     Status.STOPPED,
     Status.MESH_LIMIT,
-)  # ends of a step that a shorter one would not change
+)  # statuses that a shorter step would not change
 
 StepSolver = Callable[..., Result]
 """Called as solver(problem, start=displacement of the last step or None)."""
@@ -84,7 +84,7 @@ def evolve(
     refinement: Refinement | None = None,
     accuracy: float | None = None,
 ) -> Evolution:
-    """Run time steps one after the other, each with the p_0 and alpha_0 that the last one left.
+    """Run time steps one after the other, each with the p_0 and alpha_0 of the last one.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def evolve(
 
 
 def check_alone(name: str, value: float, steps: object, **others: object) -> None:
-    """An option that chooses increments needs a Schedule, and excludes some others."""
+    """Options that choose increments need a Schedule and exclude some others."""
     if not isinstance(steps, Schedule):
         raise ValueError(
             f"{name}={value:g}: a Schedule is needed, which tells the loads between its times"
@@ -206,7 +206,7 @@ class _Run:
         ]  # (end, halvings)
 
     def resume(self, file: EvolutionFile) -> None:
-        """Take up the finished steps of a checkpoint, if there is one."""
+        """Read the finished steps of a checkpoint, if there is one."""
         self.file = file
         steps, pending = file.load()
         for row, arrays in steps:
@@ -226,7 +226,7 @@ class _Run:
 
     @property
     def state(self) -> tuple:
-        """What the next step starts from, to be put back by ``restore``."""
+        """The state from which the next step starts, for ``restore``."""
         return len(self.evolution.steps), self.evolution.memory, self.start
 
     def restore(self, state: tuple) -> None:
@@ -313,7 +313,7 @@ class _Run:
         return result.status, result.message
 
     def _refine(self, bound: ErrorBound, time: float) -> str:
-        """Go on with a finer mesh and the history on it; or why not."""
+        """Continue on a finer mesh; a message if that is not possible."""
         old = bound.problem.mesh
         most = self.refinement.max_nodes
         part = self.error / bound.relative

@@ -21,18 +21,19 @@ RESOLVED = math.radians(22.5)
 """Angle of a ray that goes with the relative width ``AT_WIDTH`` of the bracket."""
 
 AT_WIDTH = 0.08
-"""Errors of fans go with the square of the angle: 0.025 at 22.5 degrees for Prandtl's strip."""
+"""Errors of fans are proportional to the square of the angle: 0.025 at 22.5 degrees for Prandtl's
+strip."""
 
 
 WIDEST = math.radians(60)
 """Largest angle at a singular point on all meshes but the first."""
 
 WIDE = 0.5
-"""Relative width of a bracket beyond which its mechanism does not yet say where it matters."""
+"""Relative width of a bracket beyond which its mechanism is not yet used for marking."""
 
 
 def split_corners(data: LimitData) -> tuple[Simplices, np.ndarray]:
-    """Cells with several outer facets, cut from their middle so that each has one; and parents.
+    """Cells with several outer facets are cut from the centre, so that each has one; and parents.
 
     In one cell with an affine stress the tractions of two of its facets depend on each other along
     their common edge: loads that do not agree there would leave no stress at all.

@@ -17,25 +17,25 @@ from ngepc.limit.yielding import YieldShape
 from ngepc.linalg.conic import cone_solution
 
 UNBOUNDED = ("DualInfeasible", "AlmostDualInfeasible")
-"""The solver's words for a program without a smallest value."""
+"""Status of the solver for a program without a minimum."""
 
 INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
-"""Those for conditions that contradict each other."""
+"""Status of the solver for conditions that contradict each other."""
 
 VELOCITIES = {2: QuadraticVelocities, 3: SlidingVelocities}
-"""Space dimension -> what velocities are made of."""
+"""Space dimension -> class of velocities."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshBracket:
-    """What one mesh says.
+    """The result of one mesh.
 
     Parameters
     ----------
     data, shape
         The data on it, and the yield condition.
     stress, mechanism
-        Behind the bounds; None where the solver found none.
+        Stress and mechanism of the bounds; None if the solver found none.
     unlimited
         Whether any load factor can be carried.
     unknowns, steps, words
@@ -107,7 +107,7 @@ class MeshBracket:
 
 
 def centre_of(statics: Statics) -> np.ndarray | None:
-    """A point with equilibrium and less than all of the strength, None if there is none here."""
+    """A stress in equilibrium strictly inside the yield condition, or None."""
     if not statics.data.has_constant:
         return np.zeros(statics.count + 1)
     found = cone_solution(statics.least_stressed())

@@ -1,4 +1,4 @@
-"""What limit analysis is given: loads that grow, loads that stay, supports, obstacles, strength.
+"""The data of limit analysis: growing and constant loads, supports, obstacles, strength.
 
 All of it is constant on cells or affine on boundary facets of the mesh of the problem, and is
 carried from there to finer meshes, exactly.
@@ -82,7 +82,7 @@ class LimitData:
             return result
 
         def of_facet(values: np.ndarray, inside: np.ndarray | int) -> np.ndarray:
-            """What is constant on facets, and its value inside the body."""
+            """Values that are constant on facets, with a given value inside the body."""
             result = np.empty((len(cells.facets), *values.shape[1:]), values.dtype)
             result[:] = inside
             result[outer] = values[facet]
@@ -104,7 +104,7 @@ class LimitData:
         )
 
     def without_units(self) -> tuple[LimitData, float]:
-        """The same with numbers of the size of one, and the unit of its load factor.
+        """The same in units that make all numbers about one, and the unit of the load factor.
 
         Lengths by the extent of the body, stresses by the largest yield bound, loads by theirs.
         """

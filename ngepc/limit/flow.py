@@ -1,7 +1,7 @@
-"""Programs for the upper bound, whatever the velocities are made of.
+"""Programs for the upper bound, for all classes of velocities.
 
-Velocities are affine functions of unknowns y.  What they do is a list of conditions and of parts of
-the dissipation, each a sum of weights times lengths of vectors that are affine in y.
+Velocities are affine functions of unknowns y.  They are described by conditions and by parts of the
+dissipation, each a sum of weights times lengths of vectors that are affine in y.
 """
 
 from __future__ import annotations
@@ -79,12 +79,12 @@ class DissipatedPart:
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """What velocities may do, and what they cost.
+    """Conditions, power and dissipation of velocities.
 
     Parameters
     ----------
     none
-        What must vanish: free strain rates, and components that supports hold.
+        Rows that must vanish: free strain rates, and components that supports hold.
     push
         Speeds into obstacles, which must not be positive.
     power
@@ -103,7 +103,7 @@ class Flow:
 
     @property
     def equations(self) -> tuple[csr_matrix, np.ndarray]:
-        """Nothing that must vanish, and unit power of the loads that grow, for y."""
+        """The equations for y: what must vanish, and unit power of the growing loads."""
         if self.moves:
             return self.none.rows, -self.none.offset
         grows = self.power[GROWS]
@@ -122,7 +122,7 @@ class Flow:
             first += len(part.weights)
 
         def widened(rows: csr_matrix) -> csr_matrix:
-            """Rows with nothing for the lengths."""
+            """Rows with zero columns for the lengths."""
             return csr_matrix(hstack([rows, csr_matrix((rows.shape[0], lengths))]))
 
         staying = -self.power[STAYS].rows.toarray()[0]
@@ -133,7 +133,7 @@ class Flow:
         )
 
     def admissible(self, solution: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The admissible y nearest to a solution of the program, and what rounding leaves."""
+        """The admissible y nearest to a solution of the program, and its rounding error."""
         rows, values = self.equations
         y = solution[: rows.shape[1]]
         scale = LIFTED * float(np.abs(y).max())

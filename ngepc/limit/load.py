@@ -36,16 +36,16 @@ MARKING = 0.5
 """Share of the gap in the cells that are cut."""
 
 AIM = 0.97
-"""Part of the width asked for that the last mesh is made for."""
+"""The last mesh aims at this part of the tolerance."""
 
 EXPECTED = 0.6
-"""Part of the gap of cells that goes where they are cut."""
+"""Expected decrease of the gap in cells that are cut, as a part."""
 
 MAX_CELLS = 10_000
 """No mesh has more cells unless the user says so."""
 
 NOTHING = 1e-6
-"""Lower bound over upper bound below which loads do not agree in the corners of a solid."""
+"""A smaller ratio of the bounds shows loads that contradict each other at corners of a solid."""
 
 HARDENS = "Hardening does not count: the strength is the yield stress of the material."
 
@@ -73,13 +73,13 @@ class LimitStatus(Enum):
 
     @property
     def is_success(self) -> bool:
-        """Whether what was asked for was reached."""
+        """Whether the width was reached."""
         return self is LimitStatus.REACHED
 
 
 @dataclass(frozen=True)
 class LimitRecord:
-    """What is known once a mesh is done.
+    """The record of one mesh of ``limit_load``.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def width_of(lower: float, upper: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class LimitLoad:
-    """What ``limit_load`` returns.
+    """The result of ``limit_load``.
 
     Parameters
     ----------
@@ -153,12 +153,12 @@ class LimitLoad:
 
     @property
     def message(self) -> str:
-        """How it ended, and what does not count."""
+        """How it ended, and what limit analysis neglects."""
         return f"{self.status.value} {HARDENS}"
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The last mesh, on which the fields live."""
+        """The last mesh, on which the fields are given."""
         return mesh_of(self.last.data, self.problem.mesh, self.length)
 
     @property
@@ -168,7 +168,7 @@ class LimitLoad:
 
     @cached_property
     def mechanism(self) -> GridFunction | None:
-        """A velocity that the loads can drive, a function on ``mesh``; its largest speed is one."""
+        """The collapse mechanism, a velocity on ``mesh`` with a largest speed of one."""
         if self.last.mechanism is None:
             return None
         return velocity_function(self.mesh, self.last.data, self.last.mechanism)
@@ -189,7 +189,7 @@ class LimitLoad:
     def indicators(self) -> GridFunction:
         """Dissipation minus power of the stress over that of the loads, one for each element.
 
-        None is negative; with what happens on obstacles they add up to the width.
+        None is negative; together with the terms on obstacles they add up to the width.
         """
         gaps = self.last.gaps[cell_order(self.last.data)]
         return on_elements(self.mesh, gaps / abs(self.last.lower))
@@ -264,7 +264,7 @@ def limit_load(
 
 
 class Search:
-    """The loop over meshes, without units but for the records."""
+    """The loop over meshes; only its records have units."""
 
     last: MeshBracket
     asked: float
@@ -305,7 +305,7 @@ class Search:
                 return LimitStatus.TOO_WEAK if weak else LimitStatus.MESH_LIMIT
 
     def record(self) -> LimitRecord:
-        """What the last mesh adds."""
+        """Update the bounds by the last mesh."""
         last = self.last
         self.lower = max(self.lower, last.lower)
         self.upper = min(self.upper, last.upper)

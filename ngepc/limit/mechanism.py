@@ -1,4 +1,4 @@
-"""What stands behind an upper bound."""
+"""The mechanism of an upper bound."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 ENCLOSED = 4.0
-"""How often what rounding leaves counts as dissipation."""
+"""Safety factor of rounding errors that are added to the dissipation."""
 
 
 @dataclass(frozen=True, eq=False)

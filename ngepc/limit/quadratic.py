@@ -19,7 +19,7 @@ from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import YieldShape
 
 CUTS = 8
-"""Into how many parts edges are cut to integrate the dissipation of a solution."""
+"""Number of parts of an edge in the integral of the dissipation of a solution."""
 
 BERNSTEIN = np.array([[1.0, 0, 0], [0, 1.0, 0], [-0.5, -0.5, 2.0]])
 """Coefficients on an edge from the values at its ends and in the middle."""
@@ -32,7 +32,7 @@ WORK = np.array([[1 / 6, 0], [0, 1 / 6], [1 / 3, 1 / 3]])
 
 
 class QuadraticVelocities:
-    """Velocities v = motion + directions @ y with unknowns y, and what they do.
+    """Velocities v = motion + directions @ y with unknowns y, and their ``Flow``.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class QuadraticVelocities:
     def _assembled(
         self, touched: np.ndarray, blocks: list[tuple[np.ndarray, np.ndarray]]
     ) -> csr_matrix:
-        """The unit matrix at nodes that nothing holds, and blocks of columns at the others."""
+        """The unit matrix at free nodes, and blocks of columns at the others."""
         N = self.data.cells.N
         alone = np.flatnonzero(np.repeat(~touched, N))
         rows = [alone]

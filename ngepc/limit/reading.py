@@ -1,4 +1,4 @@
-"""From a problem to the data of its limit load, and what limit loads do not cover."""
+"""From a problem to the data of its limit load; checks of what limit loads cover."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ngepc.model.places import Roller
 from ngepc.model.problem import Problem, as_scalar
 
 BODY_FORCE = "body_force"
-"""What ``growing`` calls the body force."""
+"""The name of the body force in ``growing``."""
 
 COVERS = frozenset(
     {
@@ -36,14 +36,14 @@ COVERS = frozenset(
         "rollers",
     }
 )
-"""Features of a problem that limit loads cover; hardening may be there and does not count."""
+"""Features of a problem that limit loads cover; hardening is neglected."""
 
 CLOSED = 1e-12
 """Part of the extent of the body by which a gap may differ from zero."""
 
 
 def check_limit_problem(problem: Problem, what: str) -> None:
-    """Refuse by name (ValueError) what limit loads do not cover."""
+    """Refuse what limit loads do not cover with a ValueError that names the argument."""
     require_covered(problem, what, COVERS)
     if problem.initial_displacement is not None:
         raise ValueError(
@@ -126,7 +126,7 @@ def limit_data(problem: Problem, growing: tuple[str, ...]) -> LimitData:
 
 
 def _on_cells(problem: Problem, value: CoefficientFunction) -> np.ndarray:
-    """Values of what is constant on cells, (nc, components)."""
+    """Values of a coefficient that is constant on cells, (nc, components)."""
     rules = {shape: IntegrationRule(shape, 1) for shape in ELEMENT_TYPES[problem.N]}
     points = problem.mesh.MapToAllElements(rules, VOL)
     return np.asarray(value(points), dtype=float).reshape(problem.mesh.ne, -1)

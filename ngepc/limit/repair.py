@@ -1,4 +1,4 @@
-"""What a solver leaves of equations is removed: the smallest change that satisfies them."""
+"""Repair of approximate solutions: the smallest change that satisfies linear equations."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from scipy.sparse import csr_matrix, diags, tril
 from ngepc.linalg.direct import from_entries
 
 REGULAR = 1e-9
-"""Added to the squares of unit rows: equations may depend on each other."""
+"""Added to the squares of unit rows, as equations may depend on each other."""
 
 ROUNDS = 8
-"""Most corrections; each removes all but a small part of what was left."""
+"""Most corrections; each leaves only a small part of the residual."""
 
 
 class Projection:
@@ -37,7 +37,7 @@ class Projection:
         self._found = BaseVector(len(scale))
 
     def residual(self, x: np.ndarray) -> np.ndarray:
-        """What x leaves of the equations, their rows scaled to length one."""
+        """The residual of the equations, with rows scaled to length one."""
         return self._values - self._rows @ x
 
     def change(self, x: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ class Projection:
         return self._rows.T @ self._found.FV().NumPy()
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The projection of x, and an estimate of what rounding leaves of a change.
+        """The projection of x, and an estimate of its rounding error.
 
         That is the change which one more correction would make.
         """

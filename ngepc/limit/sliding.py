@@ -58,7 +58,7 @@ class SlidingVelocities:
         )
 
     def _held_part(self, vectors: np.ndarray) -> np.ndarray:
-        """Projections of vectors (nf, k, N) onto what supports hold of facets."""
+        """Projections of vectors (nf, k, N) onto the directions that supports hold on facets."""
         data = self.data
         N = data.cells.N
         held = np.where(np.arange(N) < data.held[:, None], 1.0, 0.0)

@@ -22,7 +22,7 @@ TOUCHES = 1e-7
 """Contact pressure, relative to the largest yield bound, below which it is set to zero."""
 
 ENCLOSED = 4.0
-"""How often what rounding leaves is subtracted from the strength."""
+"""Safety factor of rounding errors that are subtracted from the strength."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,7 @@ class Statics:
         return np.repeat(self.data.bound, self.data.cells.N + 1)
 
     def gain(self) -> np.ndarray:
-        """What is to be as large as possible, as a vector on x.
+        """The objective of the lower bound, as a vector for x.
 
         The load factor, or the power of the tractions at supports that move.
         """
@@ -208,7 +208,7 @@ class Statics:
             cones.append((wider, offset - bounds, size))
 
         def widened(rows: csr_matrix) -> csr_matrix:
-            """Rows with nothing for the last unknown."""
+            """Rows with a zero column for the last unknown."""
             return csr_matrix(hstack([rows, csr_matrix((rows.shape[0], 1))]))
 
         cost = np.append(np.zeros(self.count + 1), 1.0)
@@ -222,9 +222,9 @@ class Statics:
         )
 
     def balanced(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x after the smallest change of stress to equilibrium, and what rounding leaves of it.
+        """x after the smallest change of stress to equilibrium, and its rounding error.
 
-        Obstacles that hardly push do not push at all.
+        Tiny contact pressures become zero.
         """
         scale = TOUCHES * self.data.bound.max()
         x = x.copy()
@@ -262,7 +262,7 @@ class Statics:
         return centre + part * (x - centre), part
 
     def stress(self, x: np.ndarray) -> AdmissibleStress:
-        """What x says."""
+        """The stress and the factor of x."""
         cells = self.data.cells
         coordinates = x[:-1].reshape(len(cells.nodes), cells.N + 1, -1)
         return AdmissibleStress(coordinates, float(self.gain() @ x))
@@ -295,5 +295,5 @@ def sparse_rows(
 
 
 def lower_solution(statics: Statics) -> ConeSolution:
-    """What the solver finds for the lower bound."""
+    """The solution of the program of the lower bound."""
     return cone_solution(statics.program(statics.gain()))

@@ -1,4 +1,4 @@
-"""Which stresses are allowed, and what flow dissipates.
+"""The yield condition of limit analysis, and the dissipation of plastic flow.
 
 Stresses are sum_c s_c B_c with matrices B_c; strain rates have the coordinates e_c = B_c : eps.
 The first ``free`` coordinates do not enter the yield condition, so that
@@ -20,7 +20,7 @@ import numpy as np
 from ngepc.model.kinematics import SOLID, TWO_DIMENSIONAL
 
 SLIP = 1 / math.sqrt(2)
-"""Shear yield stress over beta: what a slip of size one dissipates per area."""
+"""Shear yield stress over beta, the dissipation per area of a unit slip."""
 
 
 @dataclass(frozen=True, eq=False)

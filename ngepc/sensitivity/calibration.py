@@ -77,7 +77,7 @@ class Curve:
     def fit(
         self, problem: Problem
     ) -> tuple[np.ndarray, Callable[[Sequence[str]], np.ndarray]]:
-        """(predicted - measured) / noise, and what gives its derivatives by material constants.
+        """(predicted - measured) / noise, and a function for its derivatives by material constants.
 
         SolverError if a step does not converge.
         """
@@ -202,7 +202,7 @@ def calibrate(
 
 
 def _doubt(names: Sequence[str], condition: float) -> str:
-    """A sentence where the data do not identify all constants; empty where they do."""
+    """A message if the data do not identify all constants; empty if they do."""
     if condition <= ILL_CONDITIONED:
         return ""
     matrix = f"the Gauss-Newton matrix has condition {condition:.2g}."
@@ -251,9 +251,7 @@ def _statistics(
             np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0)
         )
         factor = stats.norm.ppf(0.5 + confidence / 2)
-        if (
-            not known
-        ):  # nothing tells it where as many measurements as constants are fitted
+        if not known:  # it is unknown if there are as many measurements as constants
             error = (
                 error * np.sqrt(2 * found.cost / (m - n))
                 if m > n

@@ -1,7 +1,8 @@
-"""Contact and friction linearised at a solution, with rows that have taken their sides.
+"""Contact and friction linearised at a solution, for a given status of each row.
 
-With any stiffness k > 0 the forces of the rows are x = P(x + k (R u - closed_at)), in which P lets
-no row pull and shortens friction to its bound b.  With its derivative G changes obey
+With any stiffness k > 0 the forces of the rows are x = P(x + k (R u - closed_at)), in which P
+projects normal forces onto n >= 0 and friction onto its bound b.  With its derivative G changes
+obey
 
     x' = G (x' + k (R u' - closed_at')) + a',
 
@@ -21,13 +22,11 @@ from ngepc.linalg.friction import matrix_of_rows
 from ngepc.local.system import State
 from ngepc.sensitivity.equations import Tape
 
-BIACTIVE = (
-    1e-6  # relative distance from the change of side within which something is biactive
-)
+BIACTIVE = 1e-6  # relative tolerance within which rows and points count as biactive
 
 
 class LinearContact:
-    """The sides of the rows, by default those of the solution, and the matrices of these equations.
+    """The status of the rows, by default that of the solution, and the matrices of these equations.
 
     For m rows and n forces: ``rows`` is R at the free components, ``slope`` is G with its
     ``blocks`` for each row, (m, 1 + d, 1 + d), ``pushed`` is - G k.
@@ -40,7 +39,7 @@ class LinearContact:
     trial: (
         np.ndarray
     )  # |t + k slip| with the stiffness k of the row, more than b where it slips
-    along: np.ndarray  # e, zero where nothing is known of it, shape (m, d)
+    along: np.ndarray  # e, zero where it is undetermined, shape (m, d)
     grows: np.ndarray  # boolean: the bound is mu n
     coefficient: np.ndarray  # mu there
 
@@ -77,7 +76,7 @@ class LinearContact:
         self.pushed = -self.slope @ diags(self.stiffness)
 
     def same_sides(self, other: LinearContact) -> bool:
-        """Whether all rows take the same sides in both."""
+        """Whether all rows have the same status in both."""
         return bool(((self.closed == other.closed) & (self.slips == other.slips)).all())
 
     def stacked(self, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -129,7 +128,7 @@ class Biactive(NamedTuple):
 
 
 def told(steps: Sequence[Biactive]) -> str:
-    """What is biactive, step by step; empty if nothing is."""
+    """A message about biactive rows and points of each step; empty if there are none."""
     said = []
     for number, (rows, kinks, points) in enumerate(steps, 1):
         if len(rows) + len(kinks) + len(points):
@@ -143,7 +142,7 @@ def told(steps: Sequence[Biactive]) -> str:
 
 
 def biactive_set(contact: LinearContact) -> Biactive:
-    """Rows and points of a solution that an arbitrarily small change of data takes either way.
+    """Rows and points of a solution whose status an arbitrarily small change of data can change.
 
     A gap is compared with the largest displacement and gap, a contact force with the largest one
     and with the force that the row's elastic stiffness answers that distance with.

@@ -1,4 +1,4 @@
-"""Linear equations between named arrays, done forwards or transposed backwards, and the law's own.
+"""Linear equations between named arrays, applied forwards or transposed; those of the law.
 
 With the trial stress s = 2 mu_2 (e - p_0) - dev alpha_2 and M = 2 mu_2 + h the plastic strain p of
 a step is smallest for
@@ -29,7 +29,7 @@ from ngepc.local.system import State
 from ngepc.model.material import PEEQ
 
 INHERITED = ("initial", "back", "alpha_1", "beta", "accumulated", "start")
-"""What a step leaves to the next one, there as "next_initial" and so on."""
+"""History variables that a step passes on, named "next_initial" and so on."""
 
 STENCIL = {
     -2: 1 / 12,
@@ -55,7 +55,7 @@ class Data(dict):
     bound (b) of friction (m,); shape, the motion of the vertices.
     """
 
-    __array_ufunc__ = None  # an array in front multiplies all
+    __array_ufunc__ = None  # so that array * data uses __rmul__
 
     def __missing__(self, name: str) -> float:
         return 0.0
@@ -87,7 +87,7 @@ class Tape(list):
     """
 
     def forward(self, data: Data) -> Data:
-        """The data and what follows from them."""
+        """The data, and the arrays that follow from them."""
         data = Data(data)
         for name, of, block in self:
             if of in data:
@@ -95,7 +95,7 @@ class Tape(list):
         return data
 
     def backward(self, by: Data) -> Data:
-        """The derivatives by all data, from those by some that follow from them."""
+        """The derivatives by all data, from those by arrays that follow from them."""
         by = Data(by)
         for name, of, block in reversed(self):
             if name in by:
@@ -155,7 +155,7 @@ def equations_of_law(state: State) -> Tape:
 
 
 def _free_component(state: State) -> list[tuple]:
-    """What a free component of the strain adds so that it stays without stress."""
+    """The equations of the free component of the strain, whose stress stays zero."""
     law = state.discrete.law
     at = state.at
     if law.across is None:
@@ -178,7 +178,7 @@ def _free_component(state: State) -> list[tuple]:
 
 
 def _left_behind(state: State, normal: np.ndarray) -> list[tuple]:
-    """What the next step inherits."""
+    """The equations of the history variables for the next step."""
     at = state.at
     points = state.discrete.points
     material = state.discrete.problem.material

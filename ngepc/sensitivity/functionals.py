@@ -78,7 +78,7 @@ def _primal_energy(state: State) -> Slope:
 
 
 def _elastic_energy(state: State) -> Slope:
-    """1/2 int sigma : (eps(u) - p_0 - p), what the body gives back (force times length)."""
+    """1/2 int sigma : (eps(u) - p_0 - p), the elastic energy (force times length)."""
     law = state.discrete.law
     points = state.discrete.points
     elastic = law.stress(state.at)[1] / law.two_mu[:, None]
@@ -175,7 +175,7 @@ class Reaction(Declared):
 
 
 Functional = DisplacementAt | Reaction
-"""What derivatives are taken of: whatever has ``slope``, which gives value and derivatives."""
+"""A functional: an object with ``slope``, which returns its value and derivatives."""
 
 Form = Callable[..., SumOfIntegrals]
 """(u, plastic strain, stress) or (u, plastic strain, stress, pressure) -> integrals of them.
@@ -263,7 +263,7 @@ def as_functional(functional: object) -> Functional:
 
 
 def slope_by_mesh(functional: Functional, state: State, change: Data) -> float:
-    """The part of a functional's derivative along a change that only the mesh carries."""
+    """The part of a functional's derivative that is due to a motion of the mesh."""
     if "shape" not in change:
         return 0.0
     found = on_moving_mesh(

@@ -1,7 +1,7 @@
 """Derivatives of solutions: backwards through the time steps, or forwards in one direction.
 
-One step is a history of one.  Backwards the derivative with respect to what a step has inherited,
-p_0, dev alpha_2, alpha_1, PEEQ and u_0, is carried to the step before.
+One step is a history of one.  Backwards the derivative with respect to the history variables of a
+step, p_0, dev alpha_2, alpha_1, PEEQ and u_0, is carried to the step before.
 
 Forwards the biactive rows and points choose their side: the derivative of the solution has
 
@@ -74,11 +74,11 @@ COVERS = frozenset(
 
 EXCHANGES = 50  # most exchanges of sides
 NEUTRAL = (
-    1e-9  # relative change below which either side is right, as for a body that waits
+    1e-9  # relative change below which either status is right, as for a body at rest
 )
 
 Solution = ExactResult | Evolution
-"""What has derivatives."""
+"""Results that have derivatives."""
 
 
 class Gradient(dict[str, float]):
@@ -172,10 +172,10 @@ def gradient(
 
 
 def states_of(result: Solution) -> list[Callable[[], State]]:
-    """For each time step what gives its solution: states of a history are rebuilt when needed.
+    """For each time step a function that returns its state; states of a history are rebuilt.
 
     TypeError, ValueError for results of other solvers. SolverError if the run did not converge:
-    what is no solution has no derivative.
+    only solutions have derivatives.
     """
     needed = "a result of semismooth_newton without gamma, or an Evolution,"
     require_instance("result", result, Solution, needed)
@@ -210,7 +210,7 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
 
 
 def require_one_material(result: Evolution) -> None:
-    """Refuse a history whose material changes: which one a derivative is by is not said."""
+    """Refuse a history whose material changes, as the derivative would be ambiguous."""
     at = result.memory.functions.points.at
     given = result.problem.material
     for number, step in enumerate(result.steps, start=1):
@@ -253,7 +253,7 @@ class TangentResult:
 
     @property
     def message(self) -> str:
-        """What is one-sided; empty where the solution is differentiable."""
+        """A message if the derivative is one-sided; empty if the solution is differentiable."""
         return told(self.biactive)
 
     @property
@@ -330,7 +330,7 @@ def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
 
 
 def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> TangentResult:
-    """The derivative of a solution for a change of its data, with sides that fit.
+    """The derivative of a solution for a change of its data, with consistent biactive sets.
 
     Newton's method for the convex energy of the change, which is quadratic for given sides.
     """
@@ -357,7 +357,7 @@ def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> Tangen
 
 
 def _chosen_rows(found: TangentResult) -> LinearContact:
-    """The sides that the change asks for: biactive rows may change theirs.
+    """The status of the rows under the change: biactive rows may change theirs.
 
     TangentError if a row that comes into contact would slip from where it is: no derivative is
     known then.
@@ -378,7 +378,7 @@ def _chosen_rows(found: TangentResult) -> LinearContact:
     closed[rows] = np.where(closed[rows], normal[rows] >= least, apart[rows] < -moves)
     by_pressure = rows[
         ~contact.law.given[rows]
-    ]  # Tresca's law does not ask for contact
+    ]  # Tresca's law acts without contact, too
     slips[by_pressure] = (contact.trial > contact.bound)[by_pressure]
     over = (tangential * contact.along).sum(axis=1) - change["bound"] - mu * normal
     start = split(moved(np.zeros_like(change["u"]) + change["start"]))[1]

@@ -49,7 +49,7 @@ def law_datum(law: HardeningLaw | None, name: str) -> tuple[str, int | None, obj
 
 
 def new_value(law: HardeningLaw, name: str, value: object) -> dict[str, object]:
-    """Field of a law -> its value, where the datum of this name has a new one."""
+    """Field of a law -> its value after a change of the datum with this name."""
     field, number, _ = law_datum(law, name)
     if number is None:
         return {field: value}
@@ -59,7 +59,7 @@ def new_value(law: HardeningLaw, name: str, value: object) -> dict[str, object]:
 
 
 def follows_law(material: Material, mesh: Mesh) -> bool:
-    """Whether the yield stress of a material is that of its law, as ``with_law`` makes it."""
+    """Whether the yield stress of a material is that of its law, as in ``with_law``."""
     if material.law is None:
         return False
     at_rest = sample(as_scalar(PEEQ * material.law.stress(0.0)), mesh)

@@ -1,4 +1,4 @@
-"""A solution linearised: the tangent of the stress, and contact that keeps its sides.
+"""The linearised problem at a solution: the tangent of the stress, and contact with fixed status.
 
     K u + R' x = force   at the free components,      x - G x - G k R u = given   for rows.
 
@@ -23,7 +23,7 @@ from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.equations import Data, Tape, equations_of_law
 
-PENALTY = 1e6  # stiffness of a row's spring over that of its vertex: each refinement gains so much
+PENALTY = 1e6  # stiffness of a row's spring over that of its vertex; a refinement gains this factor
 REFINEMENTS = 12  # most corrections of a solution
 ACCURATE = 1e-13
 ACCEPTED = 1e-9  # relative residuals that end corrections, and that are refused
@@ -33,7 +33,7 @@ ROUNDS = 5  # GMRES: residual, iterations before a restart, restarts
 
 
 class TangentError(FactorisationError):
-    """A derivative that does not exist, or that no sides of biactive rows and points give."""
+    """A derivative that does not exist, or that no status of biactive rows and points gives."""
 
 
 class LinearStep:
@@ -101,7 +101,7 @@ class LinearStep:
         )
 
     def forward(self, data: Data) -> Data:
-        """The changes of the solution with its data, and these."""
+        """The changes of the solution for changes of the data, and these."""
         known = self.tape.forward(self.with_supports(data))
         force = known["load"] - known["springs"]
         force = force - self.discrete.points.forces(known["mean"], known["stress"])
@@ -110,7 +110,7 @@ class LinearStep:
         return self.tape.forward(data + self._strain(u) + Data(u=u, contact=x))
 
     def with_supports(self, data: Data) -> Data:
-        """Data with what the motion of the supports alone makes of strains and springs."""
+        """Data with the strains and spring forces due to the motion of the supports alone."""
         u = np.zeros_like(self.state.u) + data["values"]
         return (
             data + self._strain(u) + Data(u=u, springs=self.discrete.supports.pull(u))
@@ -119,7 +119,7 @@ class LinearStep:
     def reverse(self, by: Data) -> Data:
         """The derivative of a functional by all data, from that by the solution and the data.
 
-        To be paired with data ``with_supports`` where these move.
+        If supports move, it must be paired with data ``with_supports``.
         """
         discrete, weights = self.discrete, self.discrete.points.weights
         direct = self.tape.backward(by)
@@ -178,9 +178,7 @@ class LinearStep:
             relative = np.linalg.norm(left) / size
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
-            sure = (
-                relative**2 / before <= ACCURATE
-            )  # it gains as much as the one before
+            sure = relative**2 / before <= ACCURATE  # it gains as much as the last one
         if size > 0 and not (sure or relative <= ACCEPTED):
             raise TangentError(
                 f"the derivative system is singular: residual {relative:.2g} left"
@@ -194,7 +192,7 @@ class LinearStep:
         return np.append(pushed, lower @ u + square @ forces)
 
     def _answer(self, blocks: tuple[csr_matrix, ...], right: np.ndarray) -> np.ndarray:
-        """The solution up to what springs miss, by one back-substitution."""
+        """An approximate solution by one back-substitution with springs for the rows."""
         force, given = np.split(right, [self.state.u.size])
         upper, lower, _, soften = blocks
         forces = soften @ given

@@ -1,4 +1,4 @@
-"""What derivatives are taken with respect to: directions in which the data of a problem change.
+"""Parameters of derivatives: directions in which the data of a problem change.
 
 Where the shape changes, the mesh moves with a field V.  With nodal displacements and forces of the
 rows kept, everything else of the discrete problem is an explicit function of the vertices x + t V.
@@ -63,7 +63,7 @@ LEGAL = (
     "shape",
 )
 
-COMPLEX = 1e-100  # length of a complex step, whose square is nothing
+COMPLEX = 1e-100  # length of a complex step, whose square underflows
 STEP = 1e-5  # of differences: the largest motion of a vertex over the size of the body
 
 
@@ -272,7 +272,7 @@ def on_moving_mesh(
 
 
 def geometry(old: State, state: State) -> Data:
-    """Data on a moved mesh, strains of the same displacements, forces and gaps that they leave."""
+    """Data on a moved mesh, and the strains, forces and gaps of the same displacements."""
     discrete, law, points = state.discrete, state.discrete.law, state.discrete.points
     contact, cone, material = (
         discrete.contact,
@@ -313,7 +313,7 @@ def _turned(x: np.ndarray, here: DiscreteProblem, there: DiscreteProblem) -> np.
 
 @contextmanager
 def moved_mesh(mesh: Mesh, motion: np.ndarray) -> Iterator[None]:
-    """The mesh with its vertices moved, and back where they were afterwards."""
+    """A context in which the vertices of the mesh are moved."""
     vertices = np.asarray(mesh.ngmesh.Coordinates())
     before = vertices.copy()
     vertices += motion

@@ -1,4 +1,4 @@
-"""A number of the solution as a function of some data of the problem, with its derivatives."""
+"""A functional of the solution as a function of some data, with its derivatives."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ngepc.sensitivity.gradient import gradient
 from ngepc.sensitivity.parameters import Direction
 
 FACTORS = ("traction", "pressure", "body_force", "prescribed")
-"""Data whose parameter is a factor of what the problem is given."""
+"""Data whose parameter is a factor of the given value."""
 
 
 class Response:
