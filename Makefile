@@ -55,6 +55,7 @@ campaigns: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results derivatives
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results equilibria
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results cones
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results receipts
 
 results: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns.remake $(NAMES)

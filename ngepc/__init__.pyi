@@ -33,6 +33,7 @@ from ngepc.dual.spaces import DualSpaces as DualSpaces
 from ngepc.dual.spaces import FullProduct as FullProduct
 from ngepc.dual.spaces import SurfaceGradient as SurfaceGradient
 from ngepc.dual.spaces import Units as Units
+from ngepc.evolution.distance import DistanceBound as DistanceBound
 from ngepc.evolution.load_path import Schedule as Schedule
 from ngepc.evolution.load_path import load_cycle as load_cycle
 from ngepc.evolution.material_point import PointHistory as PointHistory

@@ -21,6 +21,7 @@ from ngsolve import (
     VOL,
     CoefficientFunction,
     ElementId,
+    GridFunction,
     IntegrationRule,
     Mesh,
     specialcf,
@@ -69,7 +70,7 @@ def is_polynomial(value: Coefficient | None) -> bool:
     if value is None or is_number(value) or not isinstance(value, CoefficientFunction):
         return True
     text = OUTWARD.sub("coef 1, real", str(value))
-    if text.strip() == "ZeroCoefficientFunction":
+    if text.strip() == "ZeroCoefficientFunction" or isinstance(value, GridFunction):
         return True
     words = re.findall(r"coef ([^\n]*?)(?:, real[^\n]*)?(?:\n|$)", text)
     named = [re.split(r", (?:real|fix size|dim)", word)[0].strip() for word in words]

@@ -15,6 +15,7 @@ from ngepc.checks.arguments import is_number
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions, Points, on_children
+from ngepc.evolution.distance import DistanceBound, distance_of
 from ngepc.evolution.load_path import Schedule
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem
@@ -346,6 +347,16 @@ class Evolution(Ending):
         if self.time_error is not None:
             off = f", increments about {100 * self.time_error:.2g} % off (estimate)"
         return f"<Evolution: {self.status}, {len(self.steps)} steps{reached}{off}>"
+
+    @cached_property
+    def distance_bound(self) -> DistanceBound:
+        """How far the last step is from that of the continuous problem with the same increments.
+
+        In the energy norm: (2 sum B_n)^(1/2) with the error bound B_n of each step.  Proved for
+        order one, linear hardening and no contact, an estimate beyond, see its ``message``.
+        ValueError for what has no error bound, and for steps that were solved with gamma.
+        """
+        return distance_of(self.steps)
 
     @property
     def time_error(self) -> float | None:

@@ -2,9 +2,9 @@
 
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
 --rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
-or ``hidden --count 400``, or ``equilibria``, or ``cones``, or ``receipts --count 10``, or
-``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers, or ``mutants``, which needs a map of
-tests and lines: ``campaigns.mutants`` has the commands.
+or ``hidden --count 400``, or ``equilibria``, or ``cones``, or ``receipts``, ``intervals``,
+``verdicts``, or ``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers, or ``mutants``,
+which needs a map of tests and lines: ``campaigns.mutants`` has the commands.
 """
 
 import argparse
@@ -18,6 +18,7 @@ from campaigns.equilibria import Equilibria
 from campaigns.foreign import Foreign
 from campaigns.fuzz import Fuzz
 from campaigns.hidden import Hidden
+from campaigns.intervals import Intervals, Verdicts
 from campaigns.limits import Limits
 from campaigns.mutants import Mutants
 from campaigns.receipts import Receipts
@@ -74,6 +75,14 @@ def arguments():
     narrow.set_defaults(kind=Hidden, options=("count", "seed"))
     narrow.add_argument("--count", type=int, default=Hidden.count)
     narrow.add_argument("--seed", type=int, default=Hidden.seed)
+    widths = campaigns.add_parser("intervals", help="intervals of goals, fine values")
+    widths.set_defaults(kind=Intervals, options=("count", "seed"))
+    widths.add_argument("--count", type=int, default=Intervals.count)
+    widths.add_argument("--seed", type=int, default=Intervals.seed)
+    answers = campaigns.add_parser("verdicts", help="limits beside fine values")
+    answers.set_defaults(kind=Verdicts, options=("count", "seed"))
+    answers.add_argument("--count", type=int, default=Verdicts.count)
+    answers.add_argument("--seed", type=int, default=Verdicts.seed)
     limits = campaigns.add_parser("limits", help="limit loads of random bodies")
     limits.set_defaults(kind=Limits, options=("count", "seed"))
     limits.add_argument("--count", type=int, default=Limits.count)

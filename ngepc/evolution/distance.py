@@ -1,0 +1,97 @@
+"""How far the steps of a history are from those of the continuous problem, in the energy norm.
+
+Let y = (u, p, alpha) be what a step ends with, a(y, y) twice the energy that is stored in it, and
+B_n a bound of the energy error of step n, from the history that it starts with.  Then
+
+    |y_h^N - y^N|^2  <=  2 (B_1 + ... + B_N),        |y|^2 = a(y, y),
+
+where y^n are the steps of the same length of the continuous problem.
+
+Proof.  A step minimises J_n(y) = a(y, y)/2 - l_n(y) + D(y - y^{n-1}) with a convex D, which has
+dissipation and growth of the yield surface.  d = y_h^n - y^n, and d' = y_h^{n-1} - y^{n-1}, which
+vanishes on supports.  Compare y^n with y_h^n - d', and y_h^n with y^n + d': D is the same in both
+pairs, l_n cancels, and
+
+    |d - d'|^2/2 - B_n  <=  J_n(y_h^n - d') - J_n(y^n) + J_n^h(y^n + d') - J_n^h(y_h^n)
+                         =  |d'|^2 - a(d, d'),
+
+that is |d|^2 <= |d'|^2 + 2 B_n.  With unilateral contact y_h^n - d' need not be admissible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from ngepc.bounds.bound import error_bound
+from ngepc.local.result import ExactResult
+from ngepc.model.problem import Problem
+
+PROVED = {
+    "contact": "unilateral contact",
+    "order 2": "order 2, whose steps leave interpolated plastic strains",
+    "material": "a material that changes between steps",
+    "law": "a law of hardening that is not linear",
+}
+"""What the proof does not cover, in words."""
+
+
+class SolvedStep(Protocol):
+    """A step of a history: its problem, and the step as a result."""
+
+    problem: Problem
+    solution: ExactResult
+
+
+@dataclass(frozen=True)
+class DistanceBound:
+    """The distance of a history to the steps of the continuous problem, in the energy norm.
+
+    Parameters
+    ----------
+    by_step
+        (2 (B_1 + ... + B_n))^(1/2) after each step: its square bounds
+        int C^-1 d : d + k |p_h - p|^2 for the error d of the stress (energy^(1/2)).
+    message
+        Why it is an estimate only; empty where it is proved.
+    """
+
+    by_step: np.ndarray = field(repr=False)
+    message: str
+
+    @property
+    def value(self) -> float:
+        """The bound after the last step."""
+        return float(self.by_step[-1])
+
+    @property
+    def guaranteed(self) -> bool:
+        """Whether the bound is proved."""
+        return not self.message
+
+
+def distance_of(steps: Sequence[SolvedStep]) -> DistanceBound:
+    """The bound of the distance after each step.
+
+    ValueError for a history without steps, and for what has no error bound.
+    """
+    if not steps:
+        raise ValueError("steps: a history with a finished step is needed")
+    bounds = [error_bound(step.solution) for step in steps]
+    totals = np.array([max(bound.total, 0.0) for bound in bounds])
+    problems = [step.problem for step in steps]
+    material = problems[0].material
+    found = {
+        "contact": any(problem.contact_names for problem in problems),
+        "order 2": any(problem.order == 2 for problem in problems),
+        "material": any(problem.material is not material for problem in problems),
+        "law": material.law is not None,
+    }
+    reasons = [PROVED[name] for name, there in found.items() if there]
+    messages = {bound.message for bound in bounds if not bound.guaranteed}
+    text = f"No proof for {', '.join(reasons)}." if reasons else ""
+    message = " ".join(filter(None, [text, *sorted(messages)]))
+    return DistanceBound(np.sqrt(2 * np.cumsum(totals)), message)

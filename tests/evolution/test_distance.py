@@ -1,0 +1,88 @@
+"""The distance of a history to the steps of the continuous problem."""
+
+import numpy as np
+import pytest
+
+from ngepc import Material, Problem, evolve, load_cycle
+from ngepc.bounds.transfer import bisected, on_mesh
+from ngepc.geometries import block
+
+ELASTIC = {"lame_lambda": 1.5e3, "lame_mu": 1e3, "yield_stress": 5.0}
+MATERIALS = {
+    "kinematic": Material.kinematic(**ELASTIC, hardening=1e2),
+    "isotropic": Material(
+        **ELASTIC, hardening=0.0, hardening_modulus=2.0, hardening_stiffness=1.0
+    ),
+}
+CYCLE = [0.7, 1.0, 0.0, -1.0]
+
+
+def pulled(material, **data):
+    """A plate that is pulled at its top."""
+    mesh = block.mesh(0.3, (1.0, 0.7))
+    load = {"contact": (2.0, -6.0)}
+    return Problem(mesh, material, traction=load, order=1, **data)
+
+
+def run(problem):
+    """A cycle of loads."""
+    return evolve(problem, load_cycle(problem, CYCLE))
+
+
+def finer(problem):
+    """The problem on cells that are bisected twice, and which cell each of them lies in."""
+    inside = np.arange(problem.mesh.ne)
+    for _ in range(2):
+        everywhere = np.ones(problem.mesh.ne, dtype=bool)
+        mesh, parents = bisected(problem.mesh, everywhere)
+        problem = on_mesh(problem, mesh, parents)
+        inside = inside[parents]
+    return problem, inside
+
+
+def state_of(step):
+    """Mean stress, deviator and plastic strain on the cells, and the law."""
+    state = step.solution.state
+    law = state.discrete.law
+    mean, deviator = law.stress(state.at)
+    return mean, deviator, law.initial + state.at.plastic_strain, state.discrete
+
+
+def distance(coarse, fine, inside):
+    """The norm of the difference of two steps, as the bound has it."""
+    mean, deviator, p, _ = state_of(coarse)
+    other_mean, other_deviator, other_p, discrete = state_of(fine)
+    law = discrete.law
+    k = coarse.problem.material.hardening
+    d = deviator[inside] - other_deviator
+    density = (mean[inside] - other_mean) ** 2 / law.bulk
+    density += (d**2).sum(axis=1) / law.two_mu
+    density += k * ((p[inside] - other_p) ** 2).sum(axis=1)
+    return np.sqrt(discrete.points.integral(density))
+
+
+@pytest.mark.parametrize("name", list(MATERIALS))
+def test_the_distance_is_bounded_after_each_step(name):
+    """Beside the same cycle on a finer mesh, whose own distance is added."""
+    problem = pulled(MATERIALS[name])
+    refined, inside = finer(problem)
+    coarse = run(problem)
+    fine = run(refined)
+    bound = coarse.distance_bound
+    found = [
+        distance(a, b, inside) for a, b in zip(coarse.steps, fine.steps, strict=True)
+    ]
+    assert bound.guaranteed
+    assert bound.message == ""
+    assert (np.array(found) <= bound.by_step + fine.distance_bound.by_step).all()
+    assert found[0] > 0.3 * bound.by_step[0]
+    assert bound.value == bound.by_step[-1]
+    assert (np.diff(bound.by_step) >= 0).all()
+    assert fine.distance_bound.value < bound.value
+
+
+def test_with_contact_it_is_an_estimate():
+    pushed = pulled(MATERIALS["kinematic"], contact="contact", gap=0.0)
+    bound = evolve(pushed, [(1.0, {})]).distance_bound
+    assert not bound.guaranteed
+    assert "contact" in bound.message
