@@ -10,7 +10,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngepc import PyAMG, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.geometries import block
-from ngepc.studies.counts import BLOCKS, NewtonCounts, problem_of
+from ngepc.studies.counts import BLOCKS, LAWS, NewtonCounts, problem_of
 from ngepc.studies.examples import nested, timed
 from ngepc.studies.large import indented_block, solved_in_a_row
 from ngepc.studies.locking import KINDS, Locking, cantilever, deflection, solve_with
@@ -48,6 +48,14 @@ def test_meshes_in_a_row_are_those_of_the_indented_block():
 def test_hardening_is_the_ratio_to_mu():
     material = problem_of("lshape", 833, 1e-3).material
     assert material.hardening == pytest.approx(1e-3 * material.lame_mu)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_other_laws_take_few_steps(law):
+    problem = problem_of(law, 833, 0.1)
+    result = semismooth_newton(problem).raise_for_status()
+    assert result.iterations <= 15
+    assert result.state.at.yields.any()
 
 
 def test_nested_solution_is_the_cold_one():
