@@ -261,7 +261,8 @@ class NewtonCounts(OverMeshes):
         "1e-10 (relative forces out of balance); CPU seconds of one thread, set-up included. Rows "
         "with h / mu are Example (a) with other hardening, a sphere of radius 1 pressed 0.03 "
         "into a unit cube, and Example (a) in plane strain (or plane stress), order two, with "
-        "other laws and h = k; what the primal method does not cover is empty. GetFEM 5.4.2 with its best parameter: measured earlier, on a quiet "
+        "other laws; the primal method does not cover all of these. "
+        "GetFEM 5.4.2 with its best parameter: measured earlier, on a quiet "
         "machine, not here. 'stagnated': the residual has come down to its own rounding, which is "
         "above 1e-10 there."
     )
