@@ -14,6 +14,7 @@ between its nodes; the projection is cut off where a barycentric coordinate beco
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
@@ -31,6 +32,7 @@ from ngepc.model.problem import Problem
 RULES = {2: IntegrationRule(ET.SEGM, 5), 3: IntegrationRule(ET.TRIG, 4)}
 """Space dimension -> rule on each piece: exact for products of quadratic functions in the plane."""
 
+CHUNK = 2000  # facets of the first surface whose pairs are held in memory at once
 THIN = 1e-12  # smaller overlaps, as a part of a facet, are neglected
 SLIVER = {1: 1e-8, 2: 1e-6}
 """Order -> smallest relative eigenvalue of a facet's mass matrix for biorthogonal functions."""
@@ -222,11 +224,18 @@ class Overlap:
 
 def overlap(one: Surface, two: Surface) -> Overlap:
     """The points on the overlaps of two surfaces that face each other."""
-    i, j = _candidates(one, two)
     N = one.corners.shape[-1]
-    if not len(i):
-        none = np.zeros((0, N))
-        return Overlap(i, j, none, none, np.zeros(0), none, np.zeros(0))
+    none = np.zeros((0, N))
+    number = np.zeros(0, dtype=int)
+    nothing = (number, number, none, none, np.zeros(0), none, np.zeros(0))
+    pairs = (_overlaps(one, two, *found) for found in _candidates(one, two))
+    parts = zip(nothing, *pairs, strict=True)
+    return Overlap(*(np.concatenate(part) for part in parts))
+
+
+def _overlaps(one: Surface, two: Surface, i: np.ndarray, j: np.ndarray) -> tuple:
+    """The fields of ``Overlap`` for some pairs of facets, at least one."""
+    N = one.corners.shape[-1]
     seen = _seen(one, i, two.corners[j])
     pieces = np.clip(seen, 0, 1)[:, None] if N == 2 else _fans(_clipped(seen))
     size = np.abs(np.linalg.det(pieces))
@@ -234,7 +243,7 @@ def overlap(one: Surface, two: Surface) -> Overlap:
     x = np.array([point[: N - 1] for point in RULES[N].points])
     w = np.array(RULES[N].weights)
     x = np.column_stack([1 - x.sum(axis=1), x])
-    lam = (x @ pieces[pair, piece]).reshape(-1, N)
+    lam = (x @ pieces[pair, piece]).reshape(len(pair) * len(w), N)
     weights = (size[pair, piece] * one.areas[i[pair]])[:, None] * w / w.sum()
     i = np.repeat(i[pair], len(w))
     j = np.repeat(j[pair], len(w))
@@ -244,20 +253,52 @@ def overlap(one: Surface, two: Surface) -> Overlap:
     gaps = ((_between(two.corners[j], other) - here) * normals).sum(axis=1)
     near = gaps > -(one.radii[i] + two.radii[j])
     parts = i, j, lam, other, weights.ravel(), normals, gaps
-    return Overlap(*(part[near] for part in parts))
+    return tuple(part[near] for part in parts)
 
 
-def _candidates(one: Surface, two: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets that are close and face each other."""
-    tree = cKDTree(two.centres)
-    nearest, _ = tree.query(one.centres)
-    found = tree.query_ball_point(
-        one.centres, nearest + one.radii + 2 * two.radii.max()
-    )
-    i = np.repeat(np.arange(len(found)), [len(part) for part in found])
-    j = np.concatenate([np.asarray(part, dtype=int) for part in found])
-    facing = np.einsum("pc,pc->p", one.normals[i], two.normals[j]) < 0
-    return i[facing], j[facing]
+def _candidates(one: Surface, two: Surface) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Pairs of facets that are close and face each other, for some facets after the other.
+
+    Facets of the second surface of one size have a tree, so that a large one among small ones is no
+    neighbour of all.  In space a facet looks along its own normal: facets whose circles do not
+    overlap along it are left out.
+    """
+    nearest, _ = cKDTree(two.centres).query(one.centres)
+    reach = nearest + one.radii
+    sizes = np.floor(np.log2(two.radii / two.radii.min()))
+    alike = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    trees = [(some, cKDTree(two.centres[some])) for some in alike]
+    for first in range(0, len(one.centres), CHUNK):
+        chunk = np.arange(first, min(first + CHUNK, len(one.centres)))
+        found = [_close(one, two, chunk, reach, some, tree) for some, tree in trees]
+        i, j = (np.concatenate(column) for column in zip(*found, strict=True))
+        order = np.lexsort((j, i))
+        if len(order):
+            yield i[order], j[order]
+
+
+def _close(
+    one: Surface,
+    two: Surface,
+    chunk: np.ndarray,
+    reach: np.ndarray,
+    some: np.ndarray,
+    tree: cKDTree,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of some facets of the first surface and those of one size of the second one."""
+    far = reach[chunk] + 2 * two.radii[some].max()
+    found = tree.query_ball_point(one.centres[chunk], far)
+    counts = [len(part) for part in found]
+    i = np.repeat(chunk, counts)
+    j = some[np.concatenate([np.asarray(part, dtype=int) for part in found])]
+    normals = one.normals[i]
+    kept = np.einsum("pc,pc->p", normals, two.normals[j]) < 0
+    if one.corners.shape[-1] == 3:
+        apart = two.centres[j] - one.centres[i]
+        apart -= np.einsum("pc,pc->p", apart, normals)[:, None] * normals
+        sideways = np.linalg.norm(apart, axis=1)
+        kept &= sideways <= (1 + THIN) * (one.radii[i] + two.radii[j])
+    return i[kept], j[kept]
 
 
 def _seen(one: Surface, i: np.ndarray, y: np.ndarray) -> np.ndarray:
