@@ -8,14 +8,23 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
+from ngsolve import CoefficientFunction
 
-from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.arguments import (
+    Coefficient,
+    require_components,
+    require_integer,
+    require_number,
+)
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.model.places import Roller
 from ngepc.model.problem import Problem
 
 Changes = Mapping[str, object]
 """Field of ``Problem`` -> its value in the step; other fields are those of the problem."""
+
+Motion = CoefficientFunction | Sequence[Coefficient]
+"""A vector-valued coefficient, or N numbers and scalar coefficients (length)."""
 
 # The body, and what earlier steps decide, do not change; a load cycle scales its loads
 CARRIED = ("mesh", "kinematics", "initial_plastic_strain", "initial_hardening")
@@ -49,6 +58,10 @@ class Schedule:
     begin
         Time of the given initial state: the first step lasts from there to the first time.  None
         if it is unknown.
+    obstacle_motion
+        Time -> by how much the surface of the obstacles has moved (length), N numbers or a vector
+        coefficient, for friction: what slips is the body relative to it.  Its gap is another one of
+        the changes.  None for obstacles whose surface does not move along the body.
 
     Raises
     ------
@@ -59,9 +72,11 @@ class Schedule:
     times: Sequence[float]
     changes: Callable[[float], Changes]
     begin: float | None = 0.0
+    obstacle_motion: Callable[[float], Motion] | None = None
 
     def __post_init__(self) -> None:
         require_function("changes", self.changes, "time")
+        require_function("obstacle_motion", self.obstacle_motion, "time", optional=True)
         times = numbers_in("times", self.times)
         if not times:
             raise ValueError(f"times={self.times!r}: at least one time is needed")
@@ -110,6 +125,27 @@ class Schedule:
     def divisible(self) -> bool:
         """Whether steps can be cut: their beginning and the changes in between are known."""
         return self.begin is not None and not isinstance(self.changes, Listed)
+
+    def dragged(
+        self, before: float | None, time: float, dimension: int
+    ) -> CoefficientFunction | None:
+        """What the surface of the obstacles moves from a time to another one; None if it does not.
+
+        TypeError, ValueError if it is no vector of so many components, or begins at no known time.
+        """
+        if self.obstacle_motion is None:
+            return None
+        if before is None:
+            raise ValueError(
+                "obstacle_motion with begin=None: the time of the initial state is needed"
+            )
+        first, last = (
+            require_components(
+                f"obstacle_motion at time {t:g}", self.obstacle_motion(t), dimension
+            )
+            for t in (before, time)
+        )
+        return last - first
 
     def at(self, time: float) -> Changes:
         """The changes at a time; an error if they are not a mapping of legal fields."""

@@ -275,9 +275,28 @@ class _Run:
         now = self._now
         changes["duration"] = None if now is None else time - now
         rough = changes.get("friction", self.problem.friction) is not None
-        if rough and self.start is not None:
-            changes["initial_displacement"] = self.start
+        if rough:
+            changes["initial_displacement"] = self._start_of_slip(now, time)
         return self.evolution.memory.problem(self.problem, changes)
+
+    def _start_of_slip(self, before: float | None, time: float) -> object:
+        """The displacement at which nothing has slipped in the step; None for zero.
+
+        That of the last step, with what the surface of the obstacles moves since then.
+        """
+        problem = self.problem
+        dragged = self.schedule.dragged(before, time, problem.N)
+        start = self.start
+        if dragged is None:
+            return problem.initial_displacement if start is None else start
+        moved = GridFunction(displacement_space(problem), name="start_of_slip")
+        moved.Set(dragged)
+        if start is None and problem.u_0 is not None:
+            start = GridFunction(moved.space)
+            start.Set(problem.u_0)
+        if start is not None:
+            moved.vec.data += start.vec
+        return moved
 
     def solve_step(self, time: float, level: int) -> tuple[Status, str]:
         """One step, on meshes that follow its bound; how it ended."""
