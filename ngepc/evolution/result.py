@@ -57,7 +57,7 @@ class Memory:
             "accumulated": problem.accumulated_0,
         }
         arrays = {name: points.at(v) for name, v in given.items()}
-        if problem.material.rate is None:  # which needs a time step, and keeps no more
+        if problem.material.overlay is not None:
             arrays |= law_of(problem, points).own_memory()
         return cls(PointFunctions(points), arrays, problem.material)
 

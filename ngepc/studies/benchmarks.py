@@ -15,6 +15,7 @@ from ngepc.pictures.style import Picture, save_figure, styled
 from ngepc.results.result import Result
 from ngepc.studies import contact_problems as contact
 from ngepc.studies import limit_problems as limits
+from ngepc.studies import material_problems as materials
 from ngepc.studies import solid_problems as solids
 from ngepc.studies.solid_problems import Quantity, Solved
 from ngepc.studies.work import Work, chosen
@@ -55,6 +56,15 @@ BENCHMARKS = {
         solids.hill, "R. Hill, The mathematical theory of plasticity, 1950", ""
     ),
     "Prandtl's punch": Benchmark(solids.prandtl, "(2 + pi) k", PEEQ),
+    "SSNP303": Benchmark(
+        materials.three_bars, "NAFEMS; data of Code_Aster V6.03.303", ""
+    ),
+    "thin ring": Benchmark(materials.ring, "A. Nadai, 1950", PEEQ),
+    "turning disc": Benchmark(materials.disc, "limit of the equation of the disc", ""),
+    "Masing's loops": Benchmark(materials.masing, "G. Masing, 1926"),
+    "Bree's plate": Benchmark(materials.bree, "J. Bree, 1967", ""),
+    "relaxation": Benchmark(materials.relaxation, "F. H. Norton, 1929", ""),
+    "Hill's sheet": Benchmark(materials.sheet, "R. Hill, 1948", ""),
     "vertical cut": Benchmark(limits.cut_height, "Kammoun et al. 2010", ""),
     "Prandtl's strip": Benchmark(limits.strip_pressure, "2 + pi", ""),
     "SSNV124": Benchmark(limits.square_traction, "Code_Aster V6.04.124", ""),
