@@ -9,25 +9,13 @@ from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule
 
 from ngepc.discretisation.sampling import Scan, is_polynomial
 from ngepc.model.elements import has_straight_simplices
-from ngepc.model.features import require_covered
+from ngepc.model.features import BASIC_FEATURES, HISTORY_FEATURES, require_covered
 from ngepc.model.problem import Problem
 
-COVERS = frozenset(
-    {
-        "plane strain",
-        "plane stress",
-        "two-dimensional",
-        "solid",
-        "order 2",
-        "kinematic hardening",
-        "isotropic hardening",
-        "hardening law",
-        "initial plastic strain",
-        "initial hardening",
-        "initial strain",
-        "obstacle",
-        "friction",
-    }
+COVERS = (
+    BASIC_FEATURES
+    | HISTORY_FEATURES
+    | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
 )
 """Features that guaranteed bounds cover; in three dimensions order 2 is not covered."""
 

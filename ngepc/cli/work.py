@@ -1,4 +1,4 @@
-"""What the commands do, a function for each that returns the exit status, and what they say."""
+"""The work of the commands: a function for each, which returns the exit status, and its output."""
 
 import argparse
 import importlib
@@ -48,7 +48,7 @@ NUMBERS = ("status", "iterations", "residual_norm", "dual_energy", "primal_energ
 PROVENANCE = ("command", "version", "ngsolve", "numpy", "python")
 OF_PATHS = ("message", "outer_iterations", "inner_iterations", "total_inner_iterations",
             "gammas", "gamma_end", "path_values", "residual_norms")  # fmt: skip
-"""What the record of a path has beside that of its last solve, and in its place."""
+"""Fields of the record of a path that replace or extend those of its last solve."""
 
 
 def solve(args: argparse.Namespace) -> int:
@@ -260,7 +260,7 @@ def load_run(path: Path) -> tuple[dict, Problem, GridFunction | DualResult]:
 def _restored(
     path: Path, stored: checkpoint.Checkpoint
 ) -> tuple[dict, Problem, GridFunction | DualResult]:
-    """What ``load_run`` returns, of what the file holds."""
+    """The result of ``load_run`` from the contents of the file."""
     kept = stored.record
     problem = example(**kept["place"])
     record = kept["record"]
@@ -422,7 +422,7 @@ def open_lab(args: argparse.Namespace) -> int:
 
 
 def reporter(quiet: bool) -> Callable[[str], None]:
-    """What puts lines of progress on standard error, and raises a Ctrl-C that was lost."""
+    """A function that writes lines of progress to standard error, and raises a lost Ctrl-C."""
 
     def report(line: str) -> None:
         if not quiet:
@@ -449,7 +449,7 @@ def name_written(paths: Iterable[Path]) -> None:
 def summarise(
     record: dict, error: str, target: Path | None, quiet: bool, **other: object
 ) -> None:
-    """Put what people want to know of a solve on standard output, the record into ``target``.
+    """Write a summary of a solve to standard output, and the record into ``target``.
 
     A ``target`` '-' puts the JSON on standard output instead; ``quiet`` leaves out the rest;
     ``error`` says how far the bound goes, ``other`` entries stand in place of those of the record.
@@ -483,7 +483,7 @@ def summarise(
 
 
 def exit_status(command: str, status: str, done: str, how: str) -> int:
-    """The exit status of a run; after Ctrl-C with a line that says how to go on."""
+    """The exit status of a run; after Ctrl-C it writes a line on how to resume."""
     if status != "stopped":
         return 0 if status in ("converged", "bounded") else 1
     sys.stderr.write(f"ngepc {command}: stopped by you after {done}; {how}\n")

@@ -24,22 +24,10 @@ from ngepc.dual import saddle
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
 from ngepc.model.data import of_order_one, order_note
-from ngepc.model.features import require_covered
+from ngepc.model.features import BASIC_FEATURES, HISTORY_FEATURES, require_covered
 from ngepc.model.problem import Problem, as_scalar
 
-COVERS = frozenset(
-    {
-        "plane strain",
-        "two-dimensional",
-        "solid",
-        "other shapes",
-        "kinematic hardening",
-        "isotropic hardening",
-        "initial plastic strain",
-        "initial hardening",
-        "obstacle",
-    }
-)
+COVERS = BASIC_FEATURES | HISTORY_FEATURES | {"other shapes"}
 """Features that the paper's regularised method covers."""
 
 

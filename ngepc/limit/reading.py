@@ -13,29 +13,21 @@ from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.model.elements import cells_of
-from ngepc.model.features import require_covered
+from ngepc.model.features import BASIC_FEATURES, require_covered
 from ngepc.model.places import Roller
 from ngepc.model.problem import Problem, as_scalar
 
 BODY_FORCE = "body_force"
 """The name of the body force in ``growing``."""
 
-COVERS = frozenset(
-    {
-        "plane strain",
-        "two-dimensional",
-        "solid",
-        "order 2",
-        "kinematic hardening",
-        "isotropic hardening",
-        "hardening law",
-        "obstacle",
-        "held by contact",
-        "friction",
-        "contact at a clamp",
-        "rollers",
-    }
-)
+COVERS = BASIC_FEATURES | {
+    "contact at a clamp",
+    "friction",
+    "hardening law",
+    "held by contact",
+    "order 2",
+    "rollers",
+}
 """Features of a problem that limit loads cover; hardening is neglected."""
 
 CLOSED = 1e-12

@@ -20,45 +20,31 @@ from ngepc.local.choice import DIRECT, fastest_solver, solver_name
 from ngepc.local.iterative import Iterative, IterativeTangent
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.features import require_covered
+from ngepc.model.features import (
+    BASIC_FEATURES,
+    CONTACT_FEATURES,
+    ELEMENT_FEATURES,
+    HISTORY_FEATURES,
+    KINEMATICS_FEATURES,
+    LAW_FEATURES,
+    SUPPORT_FEATURES,
+    require_covered,
+)
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import newton_iteration
 from ngepc.results.options import NewtonOptions
 from ngepc.results.outcome import Monitor, Status
 from ngepc.results.result import DiscreteSolution
 
-COVERS = frozenset(
-    {
-        "plane strain",
-        "plane stress",
-        "thickness",
-        "two-dimensional",
-        "axisymmetric",
-        "solid",
-        "other kinematics",
-        "order 2",
-        "other shapes",
-        "curved elements",
-        "shared mesh",
-        "kinematic hardening",
-        "isotropic hardening",
-        "hardening law",
-        "rate",
-        "anisotropic yield",
-        "cyclic hardening",
-        "initial plastic strain",
-        "initial hardening",
-        "initial strain",
-        "obstacle",
-        "two bodies",
-        "held by contact",
-        "friction",
-        "Coulomb friction",
-        "contact at a clamp",
-        "rollers",
-        "edges and points",
-        "springs",
-    }
+COVERS = (
+    BASIC_FEATURES
+    | HISTORY_FEATURES
+    | KINEMATICS_FEATURES
+    | ELEMENT_FEATURES
+    | LAW_FEATURES
+    | CONTACT_FEATURES
+    | SUPPORT_FEATURES
+    | {"anisotropic yield", "cyclic hardening", "shared mesh"}
 )
 """Features that the exact method covers."""
 

@@ -44,7 +44,14 @@ from ngepc.model.elements import (
     plastic_points,
     vertex_coordinates,
 )
-from ngepc.model.features import require_covered
+from ngepc.model.features import (
+    BASIC_FEATURES,
+    ELEMENT_FEATURES,
+    HISTORY_FEATURES,
+    KINEMATICS_FEATURES,
+    LAW_FEATURES,
+    require_covered,
+)
 from ngepc.model.hardening import check_law
 from ngepc.model.kinematics import TWO_DIMENSIONAL
 from ngepc.model.material import Material, is_vector, split_hardening
@@ -52,32 +59,13 @@ from ngepc.model.places import Coulomb, Place, Roller, places, values_at, vertic
 from ngepc.model.support import check_held, check_motions, held_directions
 from ngepc.model.viscosity import check_rate
 
-SHARED_MESH_COVERS = frozenset(
-    {
-        "plane strain",
-        "plane stress",
-        "thickness",
-        "two-dimensional",
-        "axisymmetric",
-        "solid",
-        "other kinematics",
-        "order 2",
-        "other shapes",
-        "curved elements",
-        "shared mesh",
-        "kinematic hardening",
-        "isotropic hardening",
-        "hardening law",
-        "rate",
-        "initial plastic strain",
-        "initial hardening",
-        "initial strain",
-        "obstacle",
-        "friction",
-        "Coulomb friction",
-        "contact at a clamp",
-        "springs",
-    }
+SHARED_MESH_COVERS = (
+    BASIC_FEATURES
+    | HISTORY_FEATURES
+    | KINEMATICS_FEATURES
+    | ELEMENT_FEATURES
+    | LAW_FEATURES
+    | {"Coulomb friction", "contact at a clamp", "friction", "shared mesh", "springs"}
 )
 """Features that are covered on a mesh whose parts belong to several processes."""
 

@@ -2,7 +2,8 @@
 
 A method, bound, derivative or exporter lists the features that it covers in a constant ``COVERS``.
 Whatever is not listed is refused, so that a new feature is refused everywhere until it is shown to
-be right there.
+be right there.  Sets of features that several methods cover are named here; a new feature joins
+none of them, but is added to the methods that cover it.
 """
 
 from __future__ import annotations
@@ -25,6 +26,46 @@ Found = Mapping[str, object]
 
 MESH = "mesh"
 """The argument of features of the mesh; its value is described in words."""
+
+BASIC_FEATURES = frozenset(
+    {
+        "plane strain",
+        "two-dimensional",
+        "solid",
+        "kinematic hardening",
+        "isotropic hardening",
+        "obstacle",
+    }
+)
+"""What every method covers."""
+
+HISTORY_FEATURES = frozenset({"initial plastic strain", "initial hardening"})
+"""The history that earlier steps leave, beside PEEQ."""
+
+KINEMATICS_FEATURES = frozenset(
+    {"plane stress", "axisymmetric", "other kinematics", "thickness"}
+)
+"""Kinematics beside plane strain, the paper's and solids, and the thickness of plane bodies."""
+
+ELEMENT_FEATURES = frozenset({"order 2", "other shapes", "curved elements"})
+"""Elements beside straight simplices of order one."""
+
+LAW_FEATURES = frozenset({"hardening law", "rate", "initial strain"})
+"""Laws beside linear hardening, and strains that are free of stress."""
+
+CONTACT_FEATURES = frozenset(
+    {
+        "two bodies",
+        "held by contact",
+        "friction",
+        "Coulomb friction",
+        "contact at a clamp",
+    }
+)
+"""Contact beside rigid obstacles without friction."""
+
+SUPPORT_FEATURES = frozenset({"rollers", "edges and points", "springs"})
+"""Supports and loads beside components on boundaries."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Pictures of limit loads: how a body collapses, where it dissipates, how the bracket closes."""
+"""Pictures of limit loads: the collapse mechanism, its dissipation, the bounds by meshes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOVED = 0.05
 """Largest displacement that is drawn, over the extent of the body."""
 
 DARKEST = 0.7
-"""Part of the dissipation that is drawn in shades; the rest is as dark as can be."""
+"""Part of the dissipation that is drawn in shades; the rest has the darkest one."""
 
 
 def require_plane(limit: LimitLoad) -> None:
@@ -34,7 +34,7 @@ def require_plane(limit: LimitLoad) -> None:
 
 @styled
 def plot_mechanism(limit: LimitLoad, *, axes: Axes | None = None) -> Figure:
-    """How a body in the plane collapses: moved along the mechanism, dark where it dissipates.
+    """Draw the collapse of a plane body: moved along the mechanism, dark where it dissipates.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""For lectures and exercises: a look at results, answers and quizzes that check themselves."""
+"""For lectures and exercises: views of results, and answers and quizzes that are checked."""
 
 import html
 import json
@@ -18,14 +18,14 @@ QUIZZES = Path(__file__).parents[1] / "notebooks" / "quizzes.json"
 def look(
     source: object, *field: object, name: str = "", **drawn: object
 ) -> views.View | Figure:
-    """What ``views.show`` shows; without the viewer a still picture, which has no slider."""
+    """The view of ``views.show``; without the viewer a still picture without a slider."""
     if views.viewer_installed():
         return views.show(source, *field, name=name, **drawn)
     return plot_field(source, *field, **drawn)
 
 
 class Answers:
-    """Says of each answer of an exercise whether it is right; called with a question and a test.
+    """Check the answers of an exercise; called with a question and a test.
 
     ``done`` has whether the answer of a question was right, ``errors`` what its test raised.
     """
@@ -41,13 +41,13 @@ class Answers:
         try:
             self.done[question] = bool(test())
             word = "right:  " if self.done[question] else "not yet:"
-        except Exception as error:  # an answer that is not there yet may raise anything
+        except Exception as error:  # unfinished answers may raise any exception
             self.done[question], self.errors[question], word = False, error, "fill in:"
         sys.stdout.write(f"{word} {question}\n")
 
 
 class Quiz(tuple):
-    """Questions at the end of a lecture; a click on a choice says whether it is right, and why.
+    """Questions at the end of a lecture; a click on a choice shows whether it is right, and why.
 
     Each has a 'text', 'choices' (the first is right, they are shown in alphabetical order) and
     'why', which is said with the right one.

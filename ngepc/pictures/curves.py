@@ -125,7 +125,7 @@ def plot_curve(
     Parameters
     ----------
     history
-        What ``evolve`` returned, or label -> that.
+        A result of ``evolve``, or label -> result.
     x, y
         A column of the history: 'time', 'contact_force', 'max_contact_pressure', 'dissipation',
         ...; a component of a vector, 'reaction_y', of one support 'reaction_y:bottom'; a function
@@ -199,7 +199,7 @@ def quantity_of(argument: str, history: Evolution, quantity: Quantity) -> list[f
 
 
 def words_for(quantity: Quantity, units: UnitNames) -> str:
-    """What stands at an axis."""
+    """The label of an axis."""
     if not isinstance(quantity, str):
         return ""
     name, _, support = quantity.partition(":")
@@ -321,7 +321,7 @@ def pressure_curves(source: object) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def arc_lengths(segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Arc lengths at the ends of segments (n, 2, 2), and which connected curve each is of.
+    """Arc lengths at the ends of segments (n, 2, 2), and the connected curve of each segment.
 
     They are distances from a tip in the graph of the ends; closed curves are cut at one segment.
     """

@@ -1,6 +1,6 @@
-"""A part of a body to look at: one of several bodies, some boundaries, what lies behind a plane.
+"""Parts of a body for pictures: one of several bodies, some boundaries, or behind a plane.
 
-A plane takes away what lies on the side of its normal.  Of a solid the section itself is drawn,
+A plane removes the part on the side of its normal.  Of a solid the section itself is drawn,
 too: elements are cut into tetrahedra, and each that the plane crosses adds one or two triangles.
 """
 
@@ -20,12 +20,12 @@ from ngepc.pictures.sampling import Corners, corners_of, is_curved
 from ngepc.results.fields import Fields
 
 Plane = tuple[Sequence[float], Sequence[float]]
-"""A point of the plane and its normal, N numbers each; the side of the normal is taken away."""
+"""A point of the plane and its normal, N numbers each; the side of the normal is removed."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """What is drawn of a body: all of it by default.
+    """The part of a body that is drawn; all of it by default.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def part_of(
     inside: CoefficientFunction | None,
     part: Part,
 ) -> Corners:
-    """Triangles of what is drawn: of the body in 2D, of the surface and the section in 3D.
+    """Triangles of the drawn part: of the body in 2D, of the surface and the section in 3D.
 
     ``on_surface`` is the coefficient there, ``inside`` that of the body, zero for None.
     """

@@ -1,4 +1,4 @@
-"""What can be drawn of a solution: fields by name, their symbols and units, where they live.
+"""Fields of a solution that can be drawn, by name, with symbols and units.
 
 Shared by matplotlib figures, webgui views and VTU files.
 """
@@ -21,7 +21,7 @@ from ngepc.pictures.sampling import Corners, Ends, colour_scale, visible
 from ngepc.results.fields import Fields, frobenius
 
 SIGNED = "RdBu_r"
-"""Colours of fields whose signs are equally welcome: components of vectors and matrices."""
+"""Diverging colours for components of vectors and matrices."""
 KINDS = {
     "equivalent_plastic_strain": ("|p|_F", "plastic strain", "1", "YlGnBu"),
     "accumulated_plastic_strain": (
@@ -65,7 +65,7 @@ class UnitNames(Declared):
     stress: Text = ""
 
     def of(self, kind: str) -> str:
-        """What stands behind a label: ' (mm)'; empty for pure numbers and units without a name."""
+        """The unit for a label: ' (mm)'; empty for pure numbers and units without a name."""
         unit = getattr(self, kind, "")
         return f" ({unit})" if unit else ""
 
@@ -166,7 +166,7 @@ def on_one_scale(
     part: Part = WHOLE,
     cmap: str | Colormap | None = None,
 ) -> tuple[list[Drawable], list[Corners], ScalarMappable]:
-    """What is drawn of each source, its values, and colours for all of them."""
+    """The drawn coefficient of each source, its values, and colours for all of them."""
     what = [drawable(source, field, units) for source in sources]
     pairs = zip(sources, what, strict=True)
     colormap = what[0].colormap

@@ -1,6 +1,6 @@
 """VTU files for ParaView, and PVD collections of load histories and of the parts of processes.
 
-A file is written whole or not at all.  All fields are point data on each element's own points, so
+A file is written atomically.  All fields are point data on each element's own points, so
 that jumps stay.  Vectors have three and tensors nine components, as ParaView expects, also in two
 dimensions.
 """
@@ -17,7 +17,16 @@ from ngepc._deprecated import old_names
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance, require_mapping, require_path
 from ngepc.evolution.result import Evolution
-from ngepc.model.features import require_covered
+from ngepc.model.features import (
+    BASIC_FEATURES,
+    CONTACT_FEATURES,
+    ELEMENT_FEATURES,
+    HISTORY_FEATURES,
+    KINEMATICS_FEATURES,
+    LAW_FEATURES,
+    SUPPORT_FEATURES,
+    require_covered,
+)
 from ngepc.pictures.drawable import KINDS, field_of, fields_of
 from ngepc.pictures.sampling import is_curved
 from ngepc.pictures.vtu import vtu_text
@@ -27,38 +36,15 @@ FIELDS = ("displacement", "plastic_strain", "equivalent_plastic_strain",
           "accumulated_plastic_strain", "stress", "von_mises", "yield_function")  # fmt: skip
 
 
-COVERS = frozenset(
-    {
-        "plane strain",
-        "plane stress",
-        "thickness",
-        "two-dimensional",
-        "axisymmetric",
-        "solid",
-        "other kinematics",
-        "order 2",
-        "other shapes",
-        "curved elements",
-        "shared mesh",
-        "kinematic hardening",
-        "isotropic hardening",
-        "hardening law",
-        "rate",
-        "anisotropic yield",
-        "cyclic hardening",
-        "initial plastic strain",
-        "initial hardening",
-        "initial strain",
-        "obstacle",
-        "two bodies",
-        "held by contact",
-        "friction",
-        "Coulomb friction",
-        "contact at a clamp",
-        "rollers",
-        "edges and points",
-        "springs",
-    }
+COVERS = (
+    BASIC_FEATURES
+    | HISTORY_FEATURES
+    | KINEMATICS_FEATURES
+    | ELEMENT_FEATURES
+    | LAW_FEATURES
+    | CONTACT_FEATURES
+    | SUPPORT_FEATURES
+    | {"anisotropic yield", "cyclic hardening", "shared mesh"}
 )
 """Features that VTU files cover."""
 
@@ -136,7 +122,7 @@ def export_vtu(
     if processes.rank == 0:
         head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">'
         write_text(path, f"{head}{text}</VTKFile>\n")
-    processes.all(None)  # no process goes on before the list is there
+    processes.all(None)  # all processes wait until the list is written
     return path
 
 

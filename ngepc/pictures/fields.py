@@ -245,14 +245,14 @@ def _draw_sets(
 
 
 def _method(source: object) -> str:
-    """What solved it, for titles: 'gamma = 1e+04'; empty for solutions of the problem itself."""
+    """The method for titles: 'gamma = 1e+04'; empty for solutions of the problem itself."""
     label = getattr(source, "method_label", "")
     return label if isinstance(label, str) and label != "exact" else ""
 
 
 @dataclass(frozen=True)
 class Drawing(Declared):
-    """How bodies are drawn into axes: what users choose in all figures."""
+    """Options of all figures of bodies: how they are drawn into axes."""
 
     deformation_scale: NotNegative
     units: Annotated[UnitNames | None, Check(require_units)] = PLAIN

@@ -1,4 +1,4 @@
-"""The laboratory: sliders that change the data of a problem, and its solution while they move.
+"""The laboratory: sliders for the data of a problem, and its solution while they move.
 
 Each position of the sliders is a problem of its own, solved from the last solution.  Where that
 takes longer than a picture should, a prediction to first order is shown before it, marked as one.
@@ -40,8 +40,8 @@ from ngepc.pictures.views import (
 
 SCRIPT = Path(__file__).with_name("live.js").read_text(encoding="utf-8")
 
-LONG = 0.1  # seconds of a solve after which the next one is announced by a prediction
-ROOM = 1.3  # part by which scales of colours and pressures grow when values leave them
+LONG = 0.1  # after slower solves (s) the next one shows a prediction first
+ROOM = 1.3  # factor by which scales of colours and pressures are extended
 EXTRA = 'pip install "ngepc[notebook]"'
 
 
@@ -104,7 +104,7 @@ def lab(
 
 @dataclass(eq=False)
 class Laboratory:
-    """What ``lab`` returns; it keeps the last solution as the start of the next one.
+    """The laboratory of ``lab``; each solve starts from the last solution.
 
     ``frames(values)`` are the pictures for a position of the sliders as dictionaries that JSON can
     hold: the prediction, if a solve is expected to take long, and the solution, which is ``last``.
@@ -186,7 +186,7 @@ class Laboratory:
         return ", ".join(f"{n.replace('_', ' ')} {v:.4g}" for n, v in values.items())
 
     def _failed(self, why: str, values: Mapping[str, float]) -> dict:
-        """What is shown where there is no solution: the reason."""
+        """The text that is shown if there is no solution: the reason."""
         caption = f"{self._position(values)}: no solution"
         told = {"caption": caption, "said": why, "exact": True, "last": True}
         return told | {"scene": None, "curves": [], "label": "", "values": dict(values)}
@@ -194,7 +194,7 @@ class Laboratory:
     def _frame(
         self, result: ExactResult, values: Mapping[str, float], exact: bool
     ) -> dict:
-        """A picture, its curves and what is known of the solution."""
+        """A picture, its curves and the description of the solution."""
         what, _, colours = on_one_scale(
             [result], self.field, self.drawing.units, (None, None)
         )
@@ -216,7 +216,7 @@ class Laboratory:
         }
 
     def _widen(self, colours: ScalarMappable) -> None:
-        """Let the scale of colours grow where values leave it."""
+        """Extend the scale of colours if values are outside of it."""
         low, high = colours.get_clim()
         if self.colours is not None:
             old_low, old_high = self.colours.get_clim()
@@ -257,7 +257,7 @@ class Laboratory:
         return curves
 
     def _follow(self, values: Mapping[str, float], place: tuple) -> None:
-        """Add a place to the curve; it begins anew where another slider moves."""
+        """Add a point to the curve, which begins anew if another slider moves."""
         moved = {n for n, v in values.items() if v != self.before.get(n, v)}
         if moved and self.moving and moved != self.moving:
             self.trail = self.trail[-1:]
@@ -266,7 +266,7 @@ class Laboratory:
         self.trail.append(place)
 
     def _repr_mimebundle_(self, **options: object) -> object:
-        """The widget, and for pages without a kernel the first picture as a view."""
+        """The widget, and the first picture as a view for pages without a kernel."""
         widget = self.widget()
         bundle = widget._repr_mimebundle_(**options)
         data, metadata = bundle if isinstance(bundle, tuple) else (bundle, {})
@@ -319,7 +319,7 @@ class Laboratory:
 
 
 def said(result: ExactResult) -> str:
-    """How well a solution is known: status, residual, duality gap, and its message."""
+    """A description of a solution: status, residual, duality gap, and its message."""
     gap = result.primal_energy + result.dual_energy
     parts = [
         f"{result.status.label.replace('_', ' ')} after {result.iterations} Newton steps",

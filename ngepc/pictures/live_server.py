@@ -1,4 +1,4 @@
-"""A laboratory as a page of this machine, for the browser, without a notebook."""
+"""A local web server for a laboratory in the browser, without a notebook."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from typing import Protocol
 PAGE = Template(Path(__file__).with_name("live.html").read_text(encoding="utf-8"))
 
 
-class Live(Protocol):
-    """What a page needs of a laboratory."""
+class ServedLaboratory(Protocol):
+    """The methods of a laboratory that a page needs."""
 
     title: str
     script: str
@@ -28,10 +28,10 @@ class Live(Protocol):
 class LabServer(http.server.HTTPServer):
     """A page with a laboratory for the browser of this machine; nothing is fetched from elsewhere.
 
-    The address has a word that nobody else knows.
+    The address contains a random secret.
     """
 
-    def __init__(self, laboratory: Live, port: int = 0) -> None:
+    def __init__(self, laboratory: ServedLaboratory, port: int = 0) -> None:
         super().__init__(("127.0.0.1", port), _Answers)
         self.laboratory = laboratory
         self.word = secrets.token_urlsafe(12)
@@ -81,7 +81,7 @@ class _Answers(http.server.BaseHTTPRequestHandler):
             self.wfile.flush()
 
     def _asked(self) -> str | None:
-        """The page asked for, without the word of the address; None without it."""
+        """The path of the request without the secret; None if the secret is missing."""
         _, word, *rest = self.path.split("/")
         known = secrets.compare_digest(word, self.server.word)
         return "/".join(rest) if known and rest else None
@@ -93,7 +93,7 @@ class _Answers(http.server.BaseHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, form: str, *arguments: object) -> None:
-        """Say nothing of requests."""
+        """Do not log requests."""
 
 
 def as_json(data: dict) -> str:

@@ -23,18 +23,18 @@ from ngepc.pictures.style import COLOURS, Picture, styled
 
 PALE = 0.75  # part of white in the colours of bodies
 ROLES = ("traction", "pressure", "prescribed", "springs")
-"""Arguments of a problem that give something to boundaries."""
+"""Arguments of a problem that belong to boundaries."""
 
 
 @dataclass(frozen=True)
 class AtRest:
-    """What pictures need of a mesh that nothing has deformed, in place of ``Fields``."""
+    """An undeformed mesh for pictures, in place of ``Fields``."""
 
     mesh: Mesh
 
     @property
     def problem(self) -> AtRest:
-        """Itself: the mesh is all that is known."""
+        """The object itself, as only the mesh is known."""
         return self
 
     @property
@@ -49,7 +49,7 @@ class AtRest:
 
 
 def is_mesh(source: object) -> bool:
-    """Whether something is a mesh or a problem, not a result."""
+    """Whether a source is a mesh or a problem, not a result."""
     return isinstance(source, Mesh | Problem)
 
 
@@ -59,7 +59,7 @@ def drawn_mesh(source: Mesh | Problem) -> Mesh:
 
 
 def boundary_labels(source: Mesh | Problem) -> dict[str, str]:
-    """Name of each boundary -> what is written about it: of a problem also what happens there."""
+    """Name of each boundary -> its label, for a problem with its loads and supports."""
     names = dict.fromkeys(drawn_mesh(source).GetBoundaries())
     if isinstance(source, Mesh):
         return {name: name for name in names}
@@ -133,7 +133,7 @@ def _sets(corners: Corners, colours: dict) -> tuple[Corners, ScalarMappable]:
 def _draw_plane(
     axes: Axes, rest: AtRest, part: Part, view: Angles | None
 ) -> dict[str, tuple]:
-    """Bodies in pale colours, boundaries as thick lines; what needs a legend."""
+    """Bodies in pale colours, boundaries as thick lines; returns the names for a legend."""
     mesh = rest.mesh
     bodies = body_colours(mesh)
     number = numbered(list(bodies), "body", mesh)

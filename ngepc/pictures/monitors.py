@@ -25,8 +25,8 @@ from ngepc.results.outcome import History, IterationRecord, Monitor
 def progress_line(label: str = "") -> Iterator[Monitor]:
     """A monitor that keeps one line up to date on a terminal; nothing is written anywhere else.
 
-    At the end of ``with progress_line() as monitor:`` the line goes away.  Lines that stay, one for
-    each step, are logged: ``logging.basicConfig(level="INFO")``.
+    At the end of ``with progress_line() as monitor:`` the line is removed.  Lines that stay, one
+    for each step, are logged: ``logging.basicConfig(level="INFO")``.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class LivePlotMonitor:
         self._next = end + max(self.interval, 4 * (end - begin))
 
     def __enter__(self) -> "LivePlotMonitor":
-        """The monitor itself, with nothing seen."""
+        """The monitor itself, without records."""
         self.runs: list[History] = []
         self._last = None
         self._handle = None
@@ -112,7 +112,7 @@ class LivePlotMonitor:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Draw the last step and let its iterate go."""
+        """Draw the last step and release its iterate."""
         if self._last is not None:
             self.draw()
             self._last = None

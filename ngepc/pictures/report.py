@@ -132,7 +132,7 @@ def section_of(place: int, section: object) -> Section:
 
 
 def standard_sections(source: Result | Evolution, units: UnitNames) -> list[Section]:
-    """The problem, the answer, pictures and curves of a result or a history."""
+    """The sections of a result or a history: the problem, the answer, pictures and curves."""
     if isinstance(source, Evolution):
         return _of_history(source, units)
     message = [source.message] if source.message else []

@@ -23,7 +23,16 @@ from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import require_number
 from ngepc.model.elements import outward_normal
-from ngepc.model.features import require_covered
+from ngepc.model.features import (
+    BASIC_FEATURES,
+    CONTACT_FEATURES,
+    ELEMENT_FEATURES,
+    HISTORY_FEATURES,
+    KINEMATICS_FEATURES,
+    LAW_FEATURES,
+    SUPPORT_FEATURES,
+    require_covered,
+)
 from ngepc.model.processes import require_whole
 from ngepc.results.fields import Fields
 
@@ -31,37 +40,15 @@ ROUNDED = 1e-9  # part of the size of a field below which its values are all the
 
 Ends = tuple[float | None, float | None]
 
-COVERS = frozenset(
-    {
-        "plane strain",
-        "plane stress",
-        "thickness",
-        "two-dimensional",
-        "axisymmetric",
-        "solid",
-        "other kinematics",
-        "order 2",
-        "other shapes",
-        "curved elements",
-        "kinematic hardening",
-        "isotropic hardening",
-        "hardening law",
-        "rate",
-        "anisotropic yield",
-        "cyclic hardening",
-        "initial plastic strain",
-        "initial hardening",
-        "initial strain",
-        "obstacle",
-        "two bodies",
-        "held by contact",
-        "friction",
-        "Coulomb friction",
-        "contact at a clamp",
-        "rollers",
-        "edges and points",
-        "springs",
-    }
+COVERS = (
+    BASIC_FEATURES
+    | HISTORY_FEATURES
+    | KINEMATICS_FEATURES
+    | ELEMENT_FEATURES
+    | LAW_FEATURES
+    | CONTACT_FEATURES
+    | SUPPORT_FEATURES
+    | {"anisotropic yield", "cyclic hardening"}
 )
 """Features that pictures cover."""
 
@@ -99,7 +86,7 @@ def is_curved(fields: Fields) -> bool:
 
 
 def visible(fields: Fields, coefficient: CoefficientFunction) -> CoefficientFunction:
-    """What pictures show of a field of the body: all of it in 2D, its trace in 3D."""
+    """The part of a field that pictures show: all of it in 2D, its trace in 3D."""
     return coefficient if fields.problem.N == 2 else BoundaryFromVolumeCF(coefficient)
 
 
@@ -111,7 +98,7 @@ def corners_of(
     border: bool = False,
     keep: np.ndarray | None = None,
 ) -> Corners:
-    """A coefficient, zero for None, at the corners of what is drawn of elements.
+    """A coefficient, zero for None, at the corners of the drawn pieces of elements.
 
     Drawn are the body, in 3D its surface, or the boundaries ``where`` (a pattern); with ``border``
     the borders of elements in segments.  Each edge is cut into ``cuts`` parts; None for as many as
@@ -209,7 +196,7 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
 def colour_scale(
     *samples: Corners, ends: Ends = (None, None), symmetric: bool = False
 ) -> Normalize:
-    """Limits that a re-entrant corner does not swallow, common to all ``samples``.
+    """Common colour limits of all ``samples``, without the peaks at re-entrant corners.
 
     At each end 2 percent of the area where the field is not zero are left out.  An end where that
     would gain less than a quarter of the scale stays where the data end, and a scale of one sign

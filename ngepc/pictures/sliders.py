@@ -1,4 +1,4 @@
-"""Sliders of a laboratory: which number of a problem each moves, and the problem where they are."""
+"""Sliders of a laboratory: the number that each one changes, and the changed problem."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ POSITIONS = 200  # of a slider whose range has no step
 LOADS = ("traction", "pressure", "body_force", "prescribed")
 
 Change = Callable[..., Problem]
-"""Called as change(problem, name=value, ...) with the values of sliders of one's own."""
+"""Called as change(problem, name=value, ...) with the values of the user's sliders."""
 
 
 @dataclass(frozen=True)
 class Slider:
-    """A number of a problem, its range and where it starts."""
+    """A number of a problem, its range and its initial value."""
 
     name: str
     least: float
@@ -55,7 +55,7 @@ def round_step(size: float) -> float:
 
 
 def current(problem: Problem, name: str, own: bool) -> float | None:
-    """The number that a slider called ``name`` moves; None for one of the user's own."""
+    """The present number of a slider called ``name``; None for a slider of the user."""
     if name == "load":
         size = load_size(problem)
         if not size:

@@ -27,7 +27,7 @@ def renderer() -> ModuleType:
 
         needed = "libEGL, in Debian: apt install libegl1"
         if sys.platform == "linux" and WINDOW not in os.environ:
-            ctypes.CDLL(LIBRARY)  # without it VTK would end in a segmentation fault
+            ctypes.CDLL(LIBRARY)  # VTK crashes without this library
     except (ImportError, OSError) as error:
         raise ImportError(f"pictures of solids need {needed}") from error
     return pyvista
@@ -64,7 +64,7 @@ def solid_image(
     faces = np.arange(points.size // 3).reshape(-1, 3)
     body = pyvista.PolyData.from_regular_faces(points.reshape(-1, 3), faces)
     blind = sys.platform == "linux" and WINDOW not in os.environ
-    try:  # else VTK looks for a screen first
+    try:  # otherwise VTK tries a screen first
         os.environ |= {WINDOW: "vtkEGLRenderWindow"} if blind else {}
         plotter = pyvista.Plotter(off_screen=True, window_size=(1400, 1400))
     finally:
@@ -95,6 +95,6 @@ def solid_image(
 
 
 def camera(view: Angles | None) -> np.ndarray:
-    """Where the eye, the picture's right and up are in space: the rows of a rotation."""
+    """The rotation whose rows are the directions to the right, up and to the eye."""
     around, above = VIEW if view is None else view
     return Rotation.from_euler("ZY", (around, -above), degrees=True).as_matrix().T

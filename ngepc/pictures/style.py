@@ -1,4 +1,4 @@
-"""One look for all figures: the style sheet, the colours, figures that notebooks show themselves.
+"""The style of all figures: style sheet, colours, and figures that notebooks display.
 
 No pyplot state is touched, so that figures work in notebooks, scripts and servers alike.
 """
@@ -45,7 +45,7 @@ class Picture(Figure):
         return super().add_subplot(*arguments, **options)
 
     def like(self, drawn: Figure) -> "Picture":
-        """The picture itself, its axes where a drawn one has them: a layout takes half the time."""
+        """The same figure with the axes of a drawn one, which halves the time of the layout."""
         require_instance("drawn", drawn, Figure, "a Figure")
         self.set_layout_engine("none")
         for own, place in zip(self.axes, drawn.axes, strict=True):
@@ -77,7 +77,7 @@ def line_style(index: int, count: int) -> dict:
 
 @styled
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a figure as its ending says (png, pdf, svg), making its folder; returns the path."""
+    """Write a figure in the format of its suffix (png, pdf, svg), making its folder."""
     stream = io.BytesIO()
     figure.savefig(stream, format=path.suffix[1:] or None)
     replace_contents(path, stream.getvalue())

@@ -55,7 +55,7 @@ from ngepc.results.records import write_text
 EXTRA = 'pip install "ngepc[html]"'
 NOISE = 1e-3  # of the yield bound: lower contact pressures are not drawn at full height
 LINES = {"obstacle": "#000000", "contact pressure": "#0072B2"}
-"""What lines in a view of a plane body are, and their colours."""
+"""Names and colours of lines in a view of a plane body."""
 PAGE = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8"))
 
 
@@ -210,7 +210,7 @@ def webgui_lines(lines: Iterable[tuple[str, str, np.ndarray]]) -> list[dict]:
 
 
 def webgui_settings(plane: bool, wireframe: bool, edges: bool = True) -> dict:
-    """How webgui begins: without its own colour bar, plane bodies without shadows."""
+    """Settings of webgui: without its own colour bar, plane bodies without shadows."""
     ambient = 1.0 if plane else 0.65
     light = {"ambient": ambient, "diffuse": 1 - ambient}
     settings = {
@@ -224,7 +224,7 @@ def webgui_settings(plane: bool, wireframe: bool, edges: bool = True) -> dict:
 
 
 def legend_of_lines() -> str:
-    """What the lines beside a plane body are, as HTML."""
+    """The legend of the lines beside a plane body, as HTML."""
     parts = [f'<b style="color:{c}">—</b> {name}' for name, c in LINES.items()]
     return " &ensp; ".join(parts)
 
@@ -237,7 +237,7 @@ def scene_of(
     drawing: Drawing,
     peak: float,
 ) -> dict:
-    """What webgui needs to draw a scalar on the deformed body, ready for JSON.
+    """The data with which webgui draws a scalar on the deformed body, for JSON.
 
     In 2D the obstacle and the contact pressure over the deformed boundary are lines, ``peak`` is
     drawn 0.15 times as high as the body is large.  ``corners`` are triangles to draw in place of
@@ -282,7 +282,7 @@ def scene_of(
 
 
 def triangles(corners: Corners, scale: float) -> dict:
-    """What webgui draws of triangles instead of the elements of a mesh."""
+    """The data with which webgui draws triangles instead of the elements of a mesh."""
     with np.errstate():
         from ngsolve.webgui import encodeData
     points = corners.deformed(scale)

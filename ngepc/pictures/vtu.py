@@ -23,7 +23,7 @@ class Cell:
     edges: tuple[tuple[int, int], ...]
     linear: int  # VTK's number of the cell without nodes on edges
     quadratic: int  # and with them
-    mirror: tuple[int, ...]  # corners in an order that turns the cell inside out
+    mirror: tuple[int, ...]  # corners in the order of the mirrored cell
 
     def points(self, curved: bool) -> np.ndarray:
         """Reference points in VTK's order."""
@@ -32,7 +32,7 @@ class Cell:
         return np.vstack([corners, *middles]) if curved else corners
 
     def mirrored(self, curved: bool) -> np.ndarray:
-        """The numbers of the points in the order of the cell turned inside out."""
+        """The numbers of the points in the order of the mirrored cell."""
         number = {frozenset(e): len(self.corners) + k for k, e in enumerate(self.edges)}
         turned = self.mirror
         middles = [number[frozenset((turned[a], turned[b]))] for a, b in self.edges]
@@ -118,7 +118,7 @@ def vtu_text(
 def connectivity(
     points: np.ndarray, types: list, first: np.ndarray, curved: bool
 ) -> np.ndarray:
-    """The points of all cells, turned where the map of the element turns space inside out."""
+    """The points of all cells, reordered in elements with a negative Jacobian determinant."""
     found = []
     for start, shape in zip(first.tolist(), types, strict=True):
         cell = CELLS[shape]
@@ -131,7 +131,7 @@ def connectivity(
 
 
 def is_turned(corners: np.ndarray, cell: Cell) -> bool:
-    """Whether the first corner of a cell sees its neighbours the wrong way round."""
+    """Whether the orientation at the first corner of a cell is negative."""
     reference = np.array(cell.corners, dtype=float)
     nearest = np.flatnonzero(np.abs(reference - reference[0]).sum(axis=1) == 1)
     along = reference[nearest] - reference[0]

@@ -1,6 +1,6 @@
-"""A problem, a result and a history in words and numbers, for tables of reports.
+"""Descriptions of problems, results and histories in words and numbers, for reports.
 
-Every row has what it is and its value with the unit; there are no vectors and no Python objects.
+Every row has a name and a value with its unit; there are no vectors and no Python objects.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def unit_of(units: UnitNames, kind: str) -> str:
-    """What stands behind a number."""
+    """The unit behind a number."""
     name = getattr(units, kind, "")
     return f" {name}" if name else ""
 
@@ -102,12 +102,12 @@ def row(quantity: str, value: object) -> dict[str, object]:
 
 
 def amount(value: object, unit: str) -> str:
-    """A number, or that it varies in space."""
+    """A number, or the remark that it varies in space."""
     return number(value, unit) if is_number(value) else "varies in space"
 
 
 def describe_problem(problem: Problem, units: UnitNames = PLAIN) -> Rows:
-    """What a problem is given, in words: mesh, material, supports, loads, contact."""
+    """The data of a problem in words: mesh, material, supports, loads, contact."""
     mesh = problem.mesh
     elements = f"{mesh.ne} elements of order {problem.order}"
     rows = [
@@ -274,7 +274,7 @@ def contact_answer(result: Result, units: UnitNames) -> Rows:
 
 
 def interval_of_force(result: Result, unit: str) -> str:
-    """Where the contact force of the continuous problem lies; '' where no interval is known.
+    """The interval of the contact force of the continuous problem; '' if none is known.
 
     In the plane, where it costs about as much as the solution.
     """
@@ -314,7 +314,7 @@ def largest_pressure(result: Result) -> float:
 
 
 def how_exact(result: Result) -> str:
-    """The bound of the error in energy, an estimate where there is none, or why not."""
+    """The bound of the energy error, an estimate if there is none, or the reason."""
     if not isinstance(result, ExactResult):
         return "not known: the exact method is needed"
     try:

@@ -15,38 +15,27 @@ from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.stiffness import Stiffness, SymbolicStiffness
 from ngepc.model.elements import plastic_points
-from ngepc.model.features import require_covered
+from ngepc.model.features import (
+    BASIC_FEATURES,
+    CONTACT_FEATURES,
+    ELEMENT_FEATURES,
+    HISTORY_FEATURES,
+    KINEMATICS_FEATURES,
+    LAW_FEATURES,
+    SUPPORT_FEATURES,
+    require_covered,
+)
 from ngepc.model.problem import Problem
 from ngepc.primal.return_mapping import ReturnMapping
 
-COVERS = frozenset(
-    {
-        "plane strain",
-        "thickness",
-        "two-dimensional",
-        "axisymmetric",
-        "solid",
-        "other kinematics",
-        "order 2",
-        "other shapes",
-        "curved elements",
-        "kinematic hardening",
-        "isotropic hardening",
-        "hardening law",
-        "rate",
-        "initial plastic strain",
-        "initial hardening",
-        "initial strain",
-        "obstacle",
-        "two bodies",
-        "held by contact",
-        "friction",
-        "Coulomb friction",
-        "contact at a clamp",
-        "rollers",
-        "edges and points",
-        "springs",
-    }
+COVERS = (
+    BASIC_FEATURES
+    | HISTORY_FEATURES
+    | ELEMENT_FEATURES
+    | LAW_FEATURES
+    | CONTACT_FEATURES
+    | SUPPORT_FEATURES
+    | (KINEMATICS_FEATURES - {"plane stress"})
 )
 """Features that ``primal_newton`` covers."""
 

@@ -27,7 +27,15 @@ from ngepc.discretisation.loads import nodal
 from ngepc.evolution.result import Evolution, EvolutionStep
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.features import require_covered
+from ngepc.model.features import (
+    BASIC_FEATURES,
+    CONTACT_FEATURES,
+    ELEMENT_FEATURES,
+    HISTORY_FEATURES,
+    KINEMATICS_FEATURES,
+    SUPPORT_FEATURES,
+    require_covered,
+)
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, told
 from ngepc.sensitivity.equations import INHERITED, Data
@@ -41,34 +49,14 @@ from ngepc.sensitivity.parameters import (
     directions,
 )
 
-COVERS = frozenset(
-    {
-        "plane strain",
-        "plane stress",
-        "thickness",
-        "two-dimensional",
-        "axisymmetric",
-        "solid",
-        "order 2",
-        "other shapes",
-        "curved elements",
-        "kinematic hardening",
-        "isotropic hardening",
-        "hardening law",
-        "anisotropic yield",
-        "initial plastic strain",
-        "initial hardening",
-        "initial strain",
-        "obstacle",
-        "two bodies",
-        "held by contact",
-        "friction",
-        "Coulomb friction",
-        "contact at a clamp",
-        "rollers",
-        "edges and points",
-        "springs",
-    }
+COVERS = (
+    BASIC_FEATURES
+    | HISTORY_FEATURES
+    | ELEMENT_FEATURES
+    | CONTACT_FEATURES
+    | SUPPORT_FEATURES
+    | (KINEMATICS_FEATURES - {"other kinematics"})
+    | {"anisotropic yield", "hardening law", "initial strain"}
 )
 """Features that derivatives cover."""
 

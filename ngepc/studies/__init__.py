@@ -1,1 +1,1 @@
-"""Studies: tables, figures and counts as objects that measure, keep what they have and write it."""
+"""Studies: objects that measure, store and write tables, figures and counts."""

@@ -1,4 +1,4 @@
-"""What a user waits for the number that he wants, by default, beside CalculiX's quadratic elements.
+"""Time to a given accuracy of a number, by default options, beside CalculiX's quadratic elements.
 
 Each problem has one number: a limit load, a force, a deflection.  Each program solves it on finer
 and finer meshes; the table has the processor time (one thread) at which the error of the number
@@ -36,7 +36,7 @@ from ngepc.studies.solid_problems import metal
 from ngepc.studies.work import OverMeshes
 
 SMALL = 1e-5
-"""Hardening over shear modulus where a problem asks for none."""
+"""Hardening over shear modulus in place of zero."""
 
 Number = Callable[[Result], float]
 
@@ -340,7 +340,7 @@ def within_reach(body: QuadraticMesh, element: int, face: int) -> bool:
 
 
 def printed(case: Case, body: QuadraticMesh, deck: Deck) -> None:
-    """Ask for the number of a case."""
+    """The lines of a deck that print the number of a case."""
     kind, where, _, _ = case.printed
     if kind == "force":
         deck.node_set("ASKED", body.nodes_on(where))
@@ -363,7 +363,7 @@ def choice(program: str, problem: Problem) -> tuple[Problem, NewtonOptions]:
 
 
 def by_ngepc(case: Case, program: str, level: int) -> dict:
-    """The number of a case by ngepc, and what it took from the mesh on."""
+    """The number of a case by ngepc, and its cost, without the mesh."""
     mesh = case.mesh(level, True)
     begin = time.process_time()
     problem = Problem(mesh, case.metal.material, **case.loads)

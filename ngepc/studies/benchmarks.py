@@ -37,7 +37,7 @@ class Benchmark:
 
     @property
     def remark(self) -> str:
-        """What is to be said about our numbers."""
+        """A remark on our numbers."""
         solve = getattr(self.solve, "func", self.solve)
         return " ".join((inspect.getdoc(solve) or "").partition("\n\n")[2].split())
 
@@ -112,7 +112,7 @@ class Benchmarks(Work):
         return cells
 
     def solve(self, problem: str, file: str = "") -> list[dict]:
-        """A record for each quantity; what belongs to the whole problem stands in the first one."""
+        """A record for each quantity; data of the whole problem are in the first one."""
         benchmark = BENCHMARKS[problem]
         begin = time.process_time()
         result, quantities = benchmark.solve()
@@ -139,7 +139,7 @@ class Benchmarks(Work):
         return all(not r["beyond"] or BENCHMARKS[r["problem"]].remark for r in records)
 
     def notes(self, records: Sequence[dict]) -> list[str]:
-        """What the types are, then the remarks."""
+        """The types of references, then the remarks."""
         remarks = {r["problem"]: BENCHMARKS[r["problem"]].remark for r in records}
         said = [
             f"- {problem}: {remark}" for problem, remark in remarks.items() if remark

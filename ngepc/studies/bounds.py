@@ -1,4 +1,4 @@
-"""Guaranteed bounds measured: beside the error, on uniform meshes and on those that follow them."""
+"""Guaranteed bounds and errors on uniform and on adaptive meshes."""
 
 import time
 from collections.abc import Sequence
@@ -69,7 +69,7 @@ PICTURED = (0.2, 0.1, 0.04, 0.015)
 
 
 def bounded_example(body: str, kind: str, nodes: int) -> Problem:
-    """An example on the mesh of its family with so many nodes."""
+    """An example on the mesh of its family with this number of nodes."""
     if body in FAMILIES:
         return replace(example(body, nodes), order=2 if "order 2" in kind else 1)
     if body == "sphere":
@@ -147,7 +147,7 @@ class Bounds(OverMeshes):
         return [*(r for r in records if "bound_cpu_s" in r), *last.values()]
 
     def notes(self, records: Sequence[dict]) -> list[str]:
-        """Where the errors come from, and how fast they fall."""
+        """The sources of the errors, and their rates."""
         least = ", ".join(f"{value:.8g} for {name}" for name, value in LIMITS.items())
         rates = [f"{name} {rate:.2f}" for name, rate in rates_of(records).items()]
         return [

@@ -1,7 +1,8 @@
-"""Problems as decks for CalculiX (``ccx``), an independent program, and what it answers.
+"""Problems as decks for CalculiX (``ccx``), an independent program, and its results.
 
-Only what the comparison needs: quadratic elements on straight meshes, isotropic hardening, given
-displacements and tractions, and contact with a rigid surface that is a layer of hexahedra.
+It covers only what the comparison needs: quadratic elements on straight meshes, isotropic
+hardening, given displacements and tractions, and contact with a rigid surface that is a layer of
+hexahedra.
 """
 
 from __future__ import annotations
@@ -150,7 +151,7 @@ class Deck:
     def mesh(
         self, points: np.ndarray, elements: np.ndarray, kind: str, name: str
     ) -> int:
-        """Add nodes and elements; returns how many nodes stood before."""
+        """Add nodes and elements; returns the number of nodes before."""
         before = self.nodes
         padded = np.zeros((len(points), 3))
         padded[:, : points.shape[1]] = points
@@ -197,7 +198,7 @@ def plastic_lines(yield_stress: float, modulus: float) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Answer:
-    """What ``ccx`` has found: the last total force, the last displacement, and what it took."""
+    """The result of ``ccx``: the last total force, the last displacement, and the cost."""
 
     finished: bool
     force: np.ndarray | None

@@ -28,7 +28,7 @@ from ngepc.studies.step42 import equal_cells, step42_problem
 def step42() -> Solved:
     """Step-42 of deal.II on its own mesh of equal hexahedra, a quarter of it.
 
-    One node touches: the number is the mesh's. Finer ones: `ngepc study step42`.
+    One node touches, so that the number depends on the mesh. Finer ones: `ngepc study step42`.
     """
     result = semismooth_newton(step42_problem(equal_cells(4))).raise_for_status()
     return result, [

@@ -1,4 +1,4 @@
-"""Section 6 in numbers: Figure 4, and Newton steps where the Tichonov term is left out.
+"""Section 6 in numbers: Figure 4, and Newton steps without the Tichonov term.
 
 Figure 4 has convergence quotients of the last Newton steps on several meshes of both examples,
 
@@ -131,7 +131,7 @@ class Figure4(OverMeshes):
 
 
 def draw_quotients(records: Sequence[dict], axes: Axes) -> None:
-    """Curves of the quotients of an example, without those that say nothing."""
+    """Curves of the quotients of an example, without undefined ones."""
     for index, record in enumerate(records):
         quotients = np.where(record["meaningful"], record["quotients"], np.nan)
         j = np.arange(LAST - len(quotients), LAST)
@@ -146,8 +146,8 @@ def draw_quotients(records: Sequence[dict], axes: Axes) -> None:
 
 COARSER = (113, 225, 417)
 WITHOUT = 1e12
-"""gamma_T of a Tichonov term that no longer acts: what is left is the Moreau-Yosida
-regularisation alone, whose max functions map L2 to L2."""
+"""gamma_T of a negligible Tichonov term: the Moreau-Yosida regularisation remains, whose max
+functions map L2 to L2."""
 
 
 def with_and_without(

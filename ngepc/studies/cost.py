@@ -1,4 +1,4 @@
-"""What a solve and a Newton step cost: measured against a linear-elastic solve on the same mesh.
+"""Cost of a solve and of a Newton step, relative to a linear-elastic solve on the same mesh.
 
 One cell is one solve in a process of its own.  Before and after each of its Newton steps the
 linear-elastic problem of the same mesh and order is solved by NGSolve (assembly, factorisation,

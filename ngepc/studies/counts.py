@@ -1,4 +1,4 @@
-"""Newton steps over meshes: Tables 1 and 2 of the paper, and the default method in all its places.
+"""Newton steps over meshes: Tables 1 and 2 of the paper, with further rows of other methods.
 
 Rows of the paper's tables are numbers (its method at that gamma), 'default' and 'primal'; a star
 marks nested iteration, each mesh started from the solution on the next coarser one.  The table of
@@ -295,7 +295,7 @@ class NewtonCounts(OverMeshes):
         return found | {"problem": TITLES.get(body, title)}
 
     def succeeded(self, records: Sequence[dict]) -> bool:
-        """Runs that do not converge are part of what is shown."""
+        """Always: runs that do not converge are shown, too."""
         return bool(records)
 
     def notes(self, records: Sequence[dict]) -> list[str]:

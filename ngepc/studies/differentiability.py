@@ -1,4 +1,4 @@
-"""Newton differentiability made visible: the norm gap of Assumption 6.4, and life without it.
+"""Newton differentiability in numbers: with and without the norm gap of Assumption 6.4.
 
 Definition 6.1 asks of M(q) = gamma [|q| - beta]^+ q/|q| that
 

@@ -1,4 +1,4 @@
-"""The paper's examples and the methods that solve them by name, and what a solve takes."""
+"""The paper's examples and the methods that solve them, by name; time and memory of a solve."""
 
 import time
 from collections.abc import Callable
@@ -87,7 +87,7 @@ def nested(
 
 
 def timed(solve: Callable[..., Result], *given: object) -> tuple[Result, dict]:
-    """What a solver gives, and its status, steps, energy J and processor time (s), with set-up."""
+    """The result of a solver, and status, steps, energy J and processor time with set-up."""
     begin = time.process_time()
     result = solve(*given).or_interrupted()
     seconds = time.process_time() - begin
@@ -100,7 +100,7 @@ def timed(solve: Callable[..., Result], *given: object) -> tuple[Result, dict]:
 
 
 def in_own_process(work: Callable[..., Any], *given: object) -> Any:
-    """What a function of a module returns in a new process, whose memory is its own."""
+    """The value of a function of a module, called in a new process."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         return pool.submit(work, *given).result()
 

@@ -75,7 +75,7 @@ def solved_in_a_row(
         if isinstance(mesh, MeshPart):
             finer = mesh = mesh.refined()
         else:
-            mesh.Refine()  # itself: a copy would forget which edges to bisect next
+            mesh.Refine()  # in place, as a copy loses the marks of the next bisection
             finer = Mesh(mesh.ngmesh.Copy())
         problem = pressed(finer, hardening * LAME_MU, order)
         result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, inverse, None)
@@ -157,7 +157,7 @@ CHILD = "import sys; from ngepc.studies.large import child; child(*sys.argv[1:])
 
 
 def child(levels: str, path: str, order: str) -> None:
-    """What each process of a cell does; process 0 writes the records of all meshes to a file."""
+    """The work of each process of a cell; process 0 writes the records of all meshes to a file."""
     world = MPI.COMM_WORLD
     begin = time.process_time()
     clock = time.perf_counter()
@@ -213,7 +213,7 @@ class Processes(OverMeshes):
             if not name.startswith(mine)
         }
         clean["OMPI_MCA_mpi_yield_when_idle"] = (
-            "1"  # who waits leaves the core to others
+            "1"  # waiting processes yield their cores
         )
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "records.json"

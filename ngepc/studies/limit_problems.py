@@ -1,4 +1,4 @@
-"""Limit loads that others have published, or that have a closed form."""
+"""Limit loads with published values or closed forms."""
 
 import math
 from collections.abc import Callable
@@ -22,7 +22,7 @@ PUNCH = (1.5, 1.0, (3, 2))
 
 
 def strong(bound: float) -> Material:
-    """A material with this bound of |dev sigma|; the other numbers do not count."""
+    """A material with this bound of |dev sigma|; limit loads do not depend on its other numbers."""
     elastic = {"lame_lambda": 1e3 * bound, "lame_mu": 1e3 * bound}
     return Material.kinematic(**elastic, yield_stress=bound, hardening=bound)
 
@@ -71,7 +71,7 @@ LIMITS: dict[str, Callable[[], Problem]] = {
 """Problems of ``ngepc limit``."""
 
 GROWING = {"square": ["contact"]}
-"""Which of their loads grow, where it is not all of them."""
+"""Their growing loads, if not all of them grow."""
 
 
 def both_bounds(name: str, load: LimitLoad, exact: float, kind: str) -> list[Quantity]:

@@ -1,4 +1,4 @@
-"""How well contact rows keep bodies apart between their nodes, and how stable pressures are.
+"""Overlap of bodies between contact nodes, and the stability of contact pressures.
 
 A rigid sphere on a block, and a roller on a block as a pair of bodies, on meshes that get finer.
 """

@@ -1,4 +1,4 @@
-"""Numbers printed in the paper, the only place where they stand."""
+"""Numbers printed in the paper; they are written here only."""
 
 TABLE_1 = {
     "1e0": (1, 1, 1, 1, 1, 1),

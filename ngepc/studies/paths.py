@@ -188,7 +188,7 @@ class Figures(BothPaths):
     )
 
     def solve(self, body: str, nodes: int) -> list[dict]:
-        """Follow the path of an example, which keeps itself, and draw figureN.png at its end."""
+        """Follow the path of an example with a checkpoint, and draw figureN.png at its end."""
         store = self.path_of({"body": body, "nodes": nodes})
         check_folder(store.parent)
         path = followed(self, body, nodes, PATHS[body], checkpoint=store)
