@@ -224,6 +224,8 @@ STUDIES = {
                           ("--rows A,B", "--figures"), "benchmarks:Benchmarks"),
         "accuracy": Command("time to 5 and 1 percent error, ngepc and CalculiX",
                         work="accuracy:Accuracy"),
+    "threads": Command("wall time with one and with several threads", (),
+                       work="threads:Threads"),
     "large": Command("large bodies by multigrid", ("--levels N", "--order N", "--solver"),
                      "large:Large"),
         "processes": Command("a large body on several processes: time and memory",

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -49,8 +50,8 @@ with friction 1e-4 saves a Newton step of four, but 2 of 120 random problems fai
 SMALL = 1e-6  # smaller parts of the loads or of a motion count as zero
 
 
-ROWS = ("contact", "gap", "friction")
-"""Fields of a problem that determine its contact rows and their law."""
+ROWS = ("contact", "friction")
+"""Fields of a problem that determine its contact rows, except for their gaps, and their law."""
 
 
 class DiscreteBody:
@@ -141,9 +142,14 @@ def contact_of(
     """The conditions of contact of a problem, those of an earlier body where they are the same."""
     if like is None or not same_fields(problem, like.problem, *ROWS):
         return ContactConditions(problem, supports)
+    same_gap = same_fields(problem, like.problem, "gap")
+    if not same_gap and problem.processes.size > 1:
+        return ContactConditions(problem, supports)
     alike = supports is like.supports or not problem.rollers
     if not (alike and np.array_equal(supports.free, like.free)):
         return ContactConditions(problem, supports)
+    if not same_gap:
+        return like.contact.with_gaps(problem, supports)
     if same_fields(problem, like.problem, "initial_displacement"):
         return like.contact
     return like.contact.from_displacement(problem, supports)
@@ -315,6 +321,13 @@ class Floating:
         self._on_rows = body.contact.matrix @ self._motions.reshape(body.load.size, -1)
         soft = SOFT[body.contact.friction.d > 0] if found else 0.0
         self.springs = soft / len(body.load) * body.stiffness_diagonal
+
+    def of_loads(self, body: DiscreteBody) -> Floating:
+        """The same motions for a body with other loads and gaps."""
+        other = copy(self)
+        other._contact = body.contact
+        other._load = body.load
+        return other
 
     @property
     def compliance(self) -> np.ndarray:

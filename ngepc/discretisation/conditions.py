@@ -13,6 +13,7 @@ are averaged at their nodes; faces that meet at an angle have a row each.
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 from ngsolve import H1, FESpace, GridFunction
@@ -24,11 +25,12 @@ from ngepc.discretisation.loads import Supports, given_at, nodal, nodes_at
 from ngepc.discretisation.mortar import mortar_rows
 from ngepc.discretisation.rows import (
     ContactRows,
-    contact_rows,
+    gap_records,
     joined,
     mapped_facets,
     meeting_faces,
     rows_along,
+    rows_and_gaps,
 )
 from ngepc.linalg.friction import FrictionCone
 from ngepc.model.places import Coulomb, Place, Roller
@@ -58,7 +60,8 @@ class ContactConditions:
     def __init__(self, problem: Problem, supports: Supports) -> None:
         pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
         rollers = roller_rows(problem, supports)
-        parts = [contact_rows(problem, supports), *pairs, *rollers.values()]
+        obstacles, self._row_gaps = rows_and_gaps(problem, supports)
+        parts = [obstacles, *pairs, *rollers.values()]
         rows = joined(parts)
         ends = np.cumsum(list(map(len, parts))).tolist()
         self.rows = rows
@@ -92,6 +95,16 @@ class ContactConditions:
     ) -> ContactConditions:
         """The same conditions in a step that begins with another displacement."""
         other = copy(self)
+        other._closed_at = other._closed(problem, supports)
+        return other
+
+    def with_gaps(self, problem: Problem, supports: Supports) -> ContactConditions:
+        """The same conditions for another gap of the obstacles, and start of the step."""
+        gaps = self.rows.gaps.copy()
+        if self._row_gaps is not None:
+            gaps[self.on_obstacles] = self._row_gaps(*gap_records(problem))
+        other = copy(self)
+        other.rows = replace(self.rows, gaps=gaps)
         other._closed_at = other._closed(problem, supports)
         return other
 

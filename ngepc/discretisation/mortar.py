@@ -65,7 +65,7 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
         weights=means.area,
         free=free,
     )
-    return rows.movable(supports.free)
+    return rows.chosen(rows.movable(supports.free))
 
 
 def surfaces_of(problem: Problem, pair: Contact) -> tuple[Surface, Surface]:

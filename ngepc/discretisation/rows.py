@@ -18,7 +18,7 @@ the gap between the nodes, the coefficient is at least the smallest value of the
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -101,10 +101,29 @@ class ContactRows:
         }
         return ContactRows(**chosen)
 
-    def movable(self, free: np.ndarray) -> ContactRows:
-        """The rows that supports do not hold, given the free components (nodes, N)."""
+    def movable(self, free: np.ndarray) -> np.ndarray:
+        """Numbers of the rows that supports do not hold, given the free components (nodes, N)."""
         part = self.normal @ diags(free.ravel().astype(float))
-        return self.chosen(np.flatnonzero(norm(part, axis=1) > HELD))
+        return np.flatnonzero(norm(part, axis=1) > HELD)
+
+
+@dataclass(frozen=True, eq=False)
+class RowGaps:
+    """The gaps of contact rows, from the gap at the nodes of the facets."""
+
+    sums: csr_matrix  # adds up what the nodes of facets have, shape (all rows, records)
+    weights: np.ndarray  # areas of the records
+    coefficients: csr_matrix | None  # of order two, from means at the nodes of the rows
+    chosen: np.ndarray  # rows that supports do not hold
+
+    def __call__(self, gap: np.ndarray, least: np.ndarray) -> np.ndarray:
+        """From the gap and the least coefficient of each record, shape (m,)."""
+        sums = self.sums
+        gaps = sums @ (self.weights * gap) / (sums @ self.weights)
+        if self.coefficients is not None:
+            lowest = np.maximum.reduceat(least[sums.indices], sums.indptr[:-1])
+            gaps = np.maximum(self.coefficients @ gaps, lowest)
+        return gaps[self.chosen]
 
 
 def rows_along(
@@ -194,30 +213,39 @@ def meeting_faces(
 
 def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
+    return rows_and_gaps(problem, supports)[0]
+
+
+def rows_and_gaps(
+    problem: Problem, supports: Supports
+) -> tuple[ContactRows, RowGaps | None]:
+    """The same with what gives the rows other gaps, None without a contact boundary."""
     own, means = _records(problem)
     records, means = _shared(own, means, problem.nodal_processes)
     weights = records["weight"]
     directions = weights[:, None] * records["normal"]
     nodes, sums = meeting_faces(records["node"], records["boundary"], directions)
     if not len(nodes):
-        return _no_rows(problem)
+        return _no_rows(problem), None
     first = sums.indices[sums.indptr[:-1]]  # one of the corners of each row
     normals = sums @ directions
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     area = sums @ weights
-    gaps = sums @ (weights * records["gap"]) / area
 
+    coefficients = None
     means = means[first]
     along = means_along(means, normals)
     if problem.order == 2:
         coefficients = _coefficients(records, sums, first)
         means = coefficients @ means
         along = coefficients @ along
-        least = np.maximum.reduceat(records["least"][sums.indices], sums.indptr[:-1])
-        gaps = np.maximum(coefficients @ gaps, least)
     at = {"nodes": nodes, "corners": records["corners"][first]}
-    rows = rows_along(normals, means, along, **at, gaps=gaps, weights=area)
-    return rows.movable(supports.free)
+    without_gaps = {"gaps": np.zeros(len(nodes)), "weights": area}
+    rows = rows_along(normals, means, along, **at, **without_gaps)
+    chosen = rows.movable(supports.free)
+    gaps = RowGaps(sums, weights, coefficients, chosen)
+    known = gaps(records["gap"], records["least"])
+    return replace(rows.chosen(chosen), gaps=known), gaps
 
 
 def _no_rows(problem: Problem) -> ContactRows:
@@ -284,7 +312,7 @@ def _records_of(
     """The records of the nodes (facets, k) of the facets of a shape, same shape."""
     mesh = problem.mesh
     at = mesh.MapToAllElements({facet.shape: facet.rule}, mesh.Boundaries(name))
-    gap = np.ravel(problem.gaps[name](at)).reshape(nodes.shape)
+    gap, least = _gap_at_nodes(problem, name, facet)
     records = np.zeros(nodes.shape, dtype=_record_type(problem.N))
     records["node"] = nodes
     records["rank"] = problem.processes.rank
@@ -292,12 +320,38 @@ def _records_of(
     records["local"] = np.arange(nodes.shape[1])
     records["corners"] = nodes[:, facet.corners]
     records["gap"] = gap
-    records["least"] = -np.inf
-    if facet.degree == 2:
-        records["least"] = _least(problem, name, facet, gap)
+    records["least"] = least
     normal = np.asarray(problem.normal(at))
     records["normal"] = normal.reshape(*nodes.shape, problem.N)
     return records
+
+
+def _gap_at_nodes(
+    problem: Problem, name: str, facet: FacetNodes
+) -> tuple[np.ndarray, np.ndarray]:
+    """The gap at the nodes of the facets of a shape, and its least coefficients, (facets, k)."""
+    mesh = problem.mesh
+    at = mesh.MapToAllElements({facet.shape: facet.rule}, mesh.Boundaries(name))
+    gap = np.ravel(problem.gaps[name](at)).reshape(-1, len(facet.places))
+    if facet.degree == 1:
+        return gap, np.full(gap.shape, -np.inf)
+    return gap, _least(problem, name, facet, gap)
+
+
+def gap_records(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """The gap at the nodes of all contact facets, and its least coefficients, for ``RowGaps``."""
+    gaps = []
+    least = []
+    for name in problem.contact_names:
+        facets = problem.mesh.Boundaries(name).Elements()
+        present = {facet.type for facet in facets}
+        for shape in rules_of(problem.N - 1, 1):
+            if shape in present:
+                facet = facet_nodes(shape, problem.order)
+                found = _gap_at_nodes(problem, name, facet)
+                gaps.append(found[0].ravel())
+                least.append(found[1].ravel())
+    return np.concatenate(gaps), np.concatenate(least)
 
 
 def _element(problem: Problem, space: FESpace, name: str, shape: ET) -> FiniteElement:

@@ -51,6 +51,8 @@ class DiscreteProblem(DiscreteBody):
             points = like.points
         self.points = points or Points(problem.mesh, problem.kinematics, problem.order)
         self.law = law_of(problem, self.points)
+        if like is not None and self.floats_like(like):
+            vars(self)["floating"] = like.floating.of_loads(self)
         if like is None or not self.has_tangents_of(like):
             return
         vars(self)["stiffness"] = like.stiffness
@@ -58,6 +60,12 @@ class DiscreteProblem(DiscreteBody):
             vars(self)["stiffness_diagonal"] = like.stiffness_diagonal
             if "elastic" in vars(like):
                 vars(self)["elastic"] = like.elastic
+
+    def floats_like(self, other: DiscreteProblem) -> bool:
+        """Whether the same parts float, on springs of the same stiffness."""
+        alike = self.supports is other.supports
+        rows = self.contact.matrix is other.contact.matrix
+        return alike and rows and same_fields(self.problem, other.problem, "material")
 
     def has_tangents_of(self, other: DiscreteProblem) -> bool:
         """Whether tangents have the same pattern, and the same springs beside the stress.

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ngsolve import x
 
 from ngepc import Coulomb, Material, Problem, Roller, semismooth_newton
 from ngepc.geometries import block
@@ -19,6 +20,7 @@ SOFTER = Material.kinematic(
 CHANGES = (
     {},
     {"gap": -0.003},
+    {"gap": 0.1 * (x - 0.3) ** 2 - 0.004},
     {"traction": {"left": (1.0, 0.0)}},
     {"prescribed": {"clamped": (0.0, 0.001)}, "clamped": None},
     {"prescribed": {"clamped": (0.0, 0.002)}},
@@ -28,6 +30,7 @@ CHANGES = (
     {"friction": None, "springs": {"right": 100.0}},
     {"springs": None, "material": SOFTER},
     {"order": 2},
+    {"gap": {"contact": 0.2 * (x - 0.6) ** 2 - 0.003}},
     {"kinematics": "two-dimensional", "order": 1},
 )
 
@@ -70,3 +73,4 @@ def test_what_is_kept():
     assert two.stiffness is one.stiffness
     assert three.supports is one.supports
     assert three.rows is not one.rows
+    assert three.contact.matrix is one.contact.matrix

@@ -1,0 +1,79 @@
+"""What threads do for a solve: wall time with one and with several of NGSolve's threads."""
+
+import os
+import time
+from dataclasses import dataclass
+
+from ngsolve import SetNumThreads, TaskManager
+
+from ngepc.geometries import block, lshape
+from ngepc.methods.newton import semismooth_newton
+from ngepc.model.problem import Problem, lshape_problem
+from ngepc.studies.examples import in_own_process
+from ngepc.studies.large import pressed
+from ngepc.studies.work import Work
+
+REPEATED = 3
+"""Runs of each body with each number of threads, of which the fastest counts."""
+
+
+def plane() -> Problem:
+    """Example (a) of the paper on 24,833 nodes."""
+    return lshape_problem(lshape.paper_mesh(24833))
+
+
+def solid() -> Problem:
+    """A sphere pressed into a block, tetrahedra of order two."""
+    return pressed(block.structured_mesh(8, 8, 8, simplices=True), 100.0, order=2)
+
+
+BODIES = {"Example (a), 24,833 nodes": plane, "sphere, 4,913 nodes of order 2": solid}
+
+
+def solved_by_threads(body: str, threads: int) -> dict:
+    """Steps, numbers and times of the fastest of some runs under NGSolve's TaskManager."""
+    SetNumThreads(threads)
+    problem = BODIES[body]()
+    wall = []
+    cpu = []
+    for _ in range(REPEATED):
+        begin = time.perf_counter()
+        used = time.process_time()
+        with TaskManager():
+            result = semismooth_newton(problem)
+        wall.append(time.perf_counter() - begin)
+        cpu.append(time.process_time() - used)
+    return {
+        "status": result.status.label,
+        "iterations": result.iterations,
+        "energy": result.primal_energy,
+        "contact_force": result.contact_force,
+        "wall_s": min(wall),
+        "cpu_s": min(cpu),
+    }
+
+
+@dataclass(eq=False)
+class Threads(Work):
+    """Each body with one thread and with one for each core, in a process of its own."""
+
+    name = "threads"
+    title = "Threads"
+    columns = """body = {body} | threads = {threads} | Newton steps = {steps}
+        | wall s = {wall_s:.2f} | CPU s = {cpu_s:.2f} | J = {energy:.12f}
+        | force = {contact_force:.10f}"""
+    note = (
+        "`with TaskManager():` around the solve, the fastest of "
+        f"{REPEATED} runs. On a machine that does nothing else: threads that wait keep their "
+        "cores busy."
+    )
+
+    def cells(self) -> list[dict]:
+        """One thread, then all cores, for each body."""
+        cores = len(os.sched_getaffinity(0))
+        counts = sorted({1, 2, cores})
+        return [{"body": body, "threads": count} for body in BODIES for count in counts]
+
+    def solve(self, body: str, threads: int) -> dict:
+        """One body with a number of threads."""
+        return in_own_process(solved_by_threads, body, threads)
