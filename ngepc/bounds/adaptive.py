@@ -123,12 +123,18 @@ class BoundedResult:
         return self.found <= self.asked
 
     @property
+    def guaranteed(self) -> bool:
+        """Whether what ``found`` says is proved; False where data are known from samples."""
+        return self.bound.guaranteed if self.goal is None else self.goal.guaranteed
+
+    @property
     def iterations(self) -> int:
         """Newton steps on all meshes."""
         return sum(record.iterations for record in self.records)
 
     def __repr__(self) -> str:
-        found = f"relative error at most {self.found:.3g}, {self.asked:g} asked"
+        judged = self.bound if self.goal is None else self.goal
+        found = f"relative error at most {self.found:.3g} ({judged.kind}), {self.asked:g} asked"
         meshes = f"{len(self.records)} meshes, {self.records[-1].nodes} nodes"
         return f"<BoundedResult: {found}, {meshes}>"
 

@@ -20,12 +20,12 @@ from ngsolve import L2, GridFunction
 
 from ngepc._deprecated import old_names
 from ngepc.bounds.conjugate import Conjugate
-from ngepc.bounds.coverage import sampled_data
 from ngepc.bounds.data import BoundData, strain_coordinates
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.solid import SolidBoundData
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.loads import nodal
+from ngepc.discretisation.sampled import sampled_data, what_is_unseen
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.places import values_at
@@ -96,11 +96,12 @@ class ErrorBound:
         """The reasons why the bound is not guaranteed; empty if it is."""
         if self.guaranteed:
             return ""
-        part = "1/18 of an edge" if self.problem.N == 3 else "1/72 of an edge"
-        return (
-            f"{', '.join(self.sampled)}: known from samples. What is narrower than "
-            f"{part} of an element can be missed, so that the bound is no proof."
-        )
+        return f"{what_is_unseen(self.problem, None)} The bound is no proof."
+
+    @property
+    def kind(self) -> str:
+        """'guaranteed' or 'not proved'."""
+        return "guaranteed" if self.guaranteed else "not proved"
 
     @property
     def discretisation(self) -> float:

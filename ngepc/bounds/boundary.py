@@ -141,7 +141,7 @@ class Boundary(OuterFacets):
         on = self.on(self.problem.contact_names, f"contact={self.problem.contact!r}")
         self.contact, rule = self.facet[on], self.rule
         psi = self.values(self.problem.psi, on)
-        lowest = rule.affine_defect(psi)[:, :, 0].min(axis=1, initial=0.0)[:, None]
+        lowest = rule.lowest_defect(psi[:, :, 0])[:, None]
         above = psi[:, : self.cells.N, 0] + lowest
         weights = self.cells.measure[self.contact][:, None] * rule.weights
         more = (weights * (psi[:, :, 0] - above @ rule.shares.T)) @ rule.shares

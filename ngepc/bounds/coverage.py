@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule
 
-from ngepc.discretisation.sampling import Scan, is_polynomial
+from ngepc.discretisation.sampling import Scan
 from ngepc.model.elements import has_straight_simplices
 from ngepc.model.features import BASIC_FEATURES, HISTORY_FEATURES, require_covered
 from ngepc.model.problem import Problem
@@ -23,7 +21,12 @@ COVERS = (
 CONSTANT = 1e-10
 # what may be affine on the triangles where displacements are of order two
 AFFINE = ("initial_plastic_strain", "initial_hardening (alpha_2)")
-_INSIDE = {ET.TRIG: IntegrationRule(ET.TRIG, 5), ET.TET: IntegrationRule(ET.TET, 3)}
+_INSIDE = {ET.TRIG: IntegrationRule(ET.TRIG, 8), ET.TET: IntegrationRule(ET.TET, 6)}
+"""Points at which polynomials of degree three are determined."""
+
+
+MIDDLES = slice(4, 7)
+"""Where ``FacetRule`` has the middles of the edges of a triangle."""
 
 
 class FacetRule:
@@ -51,8 +54,35 @@ class FacetRule:
         """By how much values (facets, points, k) exceed the affine function of their vertices."""
         return values - self.shares @ values[:, : self.shares.shape[1]]
 
+    def lowest_defect(self, values: np.ndarray) -> np.ndarray:
+        """No more than the least defect of scalars (facets, points), zero at most, (facets,).
 
-FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 5)}  # by dimension
+        Of quadratics it is exact.
+        """
+        defect = self.affine_defect(values[:, :, None])[:, :, 0]
+        sampled = defect.min(axis=1, initial=0.0)
+        if self.shares.shape[1] == 2:
+            return sampled
+        return np.minimum(sampled, lowest_of_quadratics(defect[:, MIDDLES]))
+
+
+def lowest_of_quadratics(middles: np.ndarray) -> np.ndarray:
+    """The least value inside a triangle of quadratics that vanish at its vertices, (facets,).
+
+    Given are the values at the middles of the edges (facets, 3).  With a, b, c for these the
+    quadratic is 4 (a l_1 l_2 + b l_0 l_2 + c l_0 l_1), and stationary at l_0 = a (b + c - a) / s,
+    ..., s the sum of these three, with the value 4 a b c / s.  Zero where that is outside.
+    """
+    rest = middles.sum(axis=1, keepdims=True) - 2 * middles
+    places = middles * rest
+    size = places.sum(axis=1)
+    inside = (places * np.sign(size)[:, None] > 0).all(axis=1)
+    product = 4 * middles.prod(axis=1)
+    value = np.divide(product, size, out=np.zeros(len(size)), where=inside)
+    return np.minimum(value, 0.0)
+
+
+FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 6)}  # by dimension
 
 
 def check_covered(problem: Problem) -> None:
@@ -111,38 +141,3 @@ def varies_inside(
         ]
         values = values - known @ (np.linalg.pinv(known) @ values)
     return np.ptp(values, axis=1).max() > CONSTANT * size
-
-
-def sampled_data(problem: Problem) -> list[str]:
-    """Names of the data that are not polynomials on elements, which bounds only sample.
-
-    A bound is a theorem for numbers, finite element functions and polynomials on elements.
-    """
-    material = problem.material
-    given = {
-        "body_force": problem.body_force,
-        "traction": problem.traction,
-        "pressure": problem.pressure,
-        "gap": problem.gap,
-        "friction": problem.friction,
-        "lame_lambda": material.lame_lambda,
-        "lame_mu": material.lame_mu,
-        "yield_stress": material.yield_stress,
-        "hardening": material.effective_hardening,
-        "initial_plastic_strain": problem.initial_plastic_strain,
-        "initial_hardening": problem.initial_hardening,
-        "initial_displacement": problem.initial_displacement,
-        "initial_strain": problem.initial_strain,
-        "material.law": [] if material.law is None else material.law.data,
-        "prescribed": [value for *_, value in problem.held],
-    }
-    return [name for name, value in given.items() if not _all_polynomials(value)]
-
-
-def _all_polynomials(value: object) -> bool:
-    """Whether every coefficient in a value, a mapping or a sequence is a polynomial."""
-    if isinstance(value, Mapping):
-        value = list(value.values())
-    if isinstance(value, list | tuple):
-        return all(map(_all_polynomials, value))
-    return is_polynomial(value)

@@ -143,11 +143,15 @@ class GoalBound:
         result.vec.FV().NumPy()[:] = self.per_cell
         return result
 
+    @property
+    def kind(self) -> str:
+        """'guaranteed' or 'not proved'."""
+        return "guaranteed" if self.guaranteed else "not proved"
+
     def __str__(self) -> str:
-        kind = "guaranteed" if self.guaranteed else "not proved"
         return (
             f"{self.name}: {self.lower:.6g} to {self.upper:.6g}, {self.middle:.6g} up to "
-            f"{self.percent:.2g} percent ({kind})"
+            f"{self.percent:.2g} percent ({self.kind})"
         )
 
 

@@ -42,7 +42,7 @@ NEAR = 1.3  # lengths within this factor of the best one are accepted
 
 @dataclass(frozen=True)
 class Between:
-    """Guaranteed bounds of a quantity of the continuous solution.
+    """Bounds of a quantity of the continuous solution.
 
     Parameters
     ----------
@@ -50,11 +50,17 @@ class Between:
         Its bounds.
     discrete
         The quantity of the result.
+    guaranteed
+        Whether the bracket is proved; False where data are known from samples.
+    message
+        What it does not see; empty where it is guaranteed.
     """
 
     lower: float
     upper: float
     discrete: float
+    guaranteed: bool = True
+    message: str = ""
 
     @property
     def relative(self) -> float:
@@ -91,10 +97,10 @@ def contact_force_bracket(result: ExactResult) -> Between:
 
     here = error_bound(result)
     size = float(np.abs(result.state.u).max())
-    lower, upper = slopes(
+    lower, upper, message = slopes(
         result, here, moved, lambda a, b: b.energy - a.least_energy, force, size
     )
-    return Between(max(lower, 0.0), upper, force)
+    return Between(max(lower, 0.0), upper, force, not message, message)
 
 
 def displacement_bracket(
@@ -141,10 +147,10 @@ def displacement_bracket(
     here = error_bound(result)
     work = float(np.vdot(forces, u))
     large = here.strain_energy / size
-    lower, upper = slopes(
+    lower, upper, message = slopes(
         result, here, loaded, lambda a, b: a.energy - b.least_energy, work, large
     )
-    return Between(lower, upper, work)
+    return Between(lower, upper, work, not message, message)
 
 
 def slopes(
@@ -154,8 +160,8 @@ def slopes(
     rise: Callable[[ErrorBound, ErrorBound], float],
     slope: float,
     length: float,
-) -> tuple[float, float]:
-    """The largest lower and the smallest upper slope of chords that were found.
+) -> tuple[float, float, str]:
+    """The largest lower and the smallest upper slope of chords, and what they do not see.
 
     ``problem_at`` is the problem with the parameter changed by a number, ``rise`` no less than the
     change of the energy along a chord, from the bounds at its ends, of which ``here`` is that of
@@ -168,6 +174,7 @@ def slopes(
         else part * length
     )
     found = []
+    unseen = here.message
     for sign in (-1.0, 1.0):
         best = math.inf
         t = first
@@ -179,6 +186,7 @@ def slopes(
             if near.status not in SOLVED:
                 raise RuntimeError(f"no bracket: {near.message}")
             there = error_bound(near)
+            unseen = there.message or unseen
             risen = rise(here, there)
             best = min(best, risen / t)
             curved = risen - sign * slope * t - here.total
@@ -187,4 +195,4 @@ def slopes(
                 break
             t = min(max(wanted, t / 16), 4 * t)
         found.append(sign * best)
-    return found[0], found[1]
+    return found[0], found[1], unseen

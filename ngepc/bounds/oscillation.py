@@ -26,6 +26,7 @@ from ngsolve import CF, ET, VOL, CoefficientFunction, IntegrationRule, x, y, z
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.simplices import Simplices
+from ngepc.discretisation.polynomials import HIGHEST
 from ngepc.discretisation.sampling import HiddenRule, Scan
 from ngepc.model.elements import element_nodes
 
@@ -59,18 +60,19 @@ def rotating_loads(N: int) -> np.ndarray:
     return np.einsum("aij,kj->aki", rotations(N), middles)
 
 
-def points_on_parts(N: int) -> np.ndarray:
-    """Points of a rule of degree two on each of the N + 1 parts of a cell.
+def rule_on_parts(shape: ET, N: int) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric points of a rule on each of the N + 1 parts of a cell, and their weights.
 
-    Barycentric coordinates in the cell, shape ((N + 1)^2, N + 1); a part is spanned by the centre
-    and a facet, and the weights are equal.
+    The weights add up to one.
     """
-    share = (1 - (N + 2) ** -0.5) / (N + 1)
-    inside = share + (1 - (N + 1) * share) * np.eye(N + 1)
+    rule = IntegrationRule(shape, 2 * HIGHEST)
+    inside = np.array(rule.points)[:, :N]
+    inside = np.column_stack([inside, 1 - inside.sum(axis=1)])
     parts = np.repeat(np.eye(N + 1)[None], N + 1, axis=0)
-    own = np.arange(N + 1)
-    parts[own, own] = 1 / (N + 1)
-    return np.matmul(inside, parts).reshape(-1, N + 1)
+    parts[np.arange(N + 1), np.arange(N + 1)] = 1 / (N + 1)
+    places = np.matmul(inside, parts).reshape(-1, N + 1)
+    weights = np.tile(rule.weights, N + 1)
+    return places, weights / weights.sum()
 
 
 class CarriedLoads:
@@ -92,15 +94,15 @@ class CarriedLoads:
         self._leave_tractions(boundary)
 
     def _carry(self, force: CoefficientFunction) -> None:
-        """The loads of a body force, from points of a rule of degree two on the parts.
+        """The loads of a body force, by a rule on the parts that is exact for squares of cubics.
 
         Elements inside which the force jumps or peaks are integrated by the adaptive rules of
         ``Scan``.
         """
         c = self.cells
-        f, share = self._sampled(force)
-        weight = c.volume[:, None, None] / f.shape[1]
-        self.nodal = weight * np.matmul(share.transpose(0, 2, 1), f)
+        f, share, weights = self._sampled(force)
+        weighted = c.volume[:, None, None] * weights[:, None] * f
+        self.nodal = np.matmul(share.transpose(0, 2, 1), weighted)
 
         scan = Scan(c.mesh, force, VOL)
         rules = {number: scan.rule(number) for number in scan.hidden.tolist()}
@@ -114,21 +116,23 @@ class CarriedLoads:
         if rules or np.abs(rest).max() > CONSTANT * np.abs(f).max():
             inverse, square, _ = from_reference(c, slice(None))
             turned = np.matmul(rest, inverse.transpose(0, 2, 1))
-            squares = c.volume * (turned**2).sum(axis=2).mean(axis=1)
+            squares = c.volume * ((turned**2).sum(axis=2) @ weights)
             for number, rule in rules.items():
                 part = shares[number].argmin(axis=1)
                 squares[number] = self._square_left(number, rule, part, inverse[number])
             self.left += INSIDE[c.N] * square * np.sqrt(squares)
 
-    def _sampled(self, force: CoefficientFunction) -> tuple[np.ndarray, np.ndarray]:
-        """A force at the points of the parts of all cells, and their barycentric coordinates.
+    def _sampled(
+        self, force: CoefficientFunction
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A force at the points of the parts of all cells, with coordinates and weights of these.
 
-        Shapes (nt, points, N) and (nt, points, N + 1).
+        Shapes (nt, points, N), (nt, points, N + 1), barycentric, and (points,), with the sum one.
         """
         c = self.cells
         N = c.N
-        places = points_on_parts(N)
         shape = ET.TRIG if N == 2 else ET.TET
+        places, weights = rule_on_parts(shape, N)
         reference = [tuple(place[:N]) for place in places.tolist()]
         rule = IntegrationRule(reference, [1.0] * len(places))
         points = c.mesh.MapToAllElements({shape: rule}, VOL)
@@ -139,7 +143,7 @@ class CarriedLoads:
         offset = at - c.points[c.nodes[:, 0]][:, None]
         others = np.matmul(offset, c.inverse.transpose(0, 2, 1))
         first = 1 - others.sum(axis=2, keepdims=True)
-        return f, np.concatenate([first, others], axis=2)
+        return f, np.concatenate([first, others], axis=2), weights
 
     def _inner_loads(self) -> np.ndarray:
         """Coefficients of constant and rotating loads with the work of f on rigid motions."""

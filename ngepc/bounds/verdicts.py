@@ -42,6 +42,11 @@ class Verdict:
     run: BoundedResult = field(repr=False)
     sentence: str
 
+    @property
+    def guaranteed(self) -> bool:
+        """Whether the interval is proved, see ``GoalBound.guaranteed``."""
+        return self.goal.guaranteed
+
     def __str__(self) -> str:
         return f"{self.outcome}: {self.sentence}"
 
@@ -110,7 +115,9 @@ def verdict(
     if found.lower >= limit:
         outcome = FAIL if above else PASS
     words = name.replace("_", " ")
-    sentence = f"{found}, asked {words} {limit:g}"
+    sentence = " ".join(
+        filter(None, (f"{found}, asked {words} {limit:g}.", found.message))
+    )
     return Verdict(outcome, found, run, sentence)
 
 

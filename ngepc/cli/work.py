@@ -17,7 +17,7 @@ from ngsolve import GridFunction
 import ngepc
 from ngepc.bounds import check_receipt
 from ngepc.bounds.adaptive import MeshRecord, solve_to
-from ngepc.bounds.bound import error_bound
+from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
 from ngepc.discretisation.loads import displacement_space
 from ngepc.dual.path import PathOptions, follow_path
@@ -35,16 +35,18 @@ from ngepc.pictures.views import EXTRA, show, viewer_installed
 from ngepc.results import checkpoint, records
 from ngepc.results.files import check_folder, check_writable
 from ngepc.results.options import NewtonOptions
-from ngepc.results.outcome import Status
+from ngepc.results.outcome import IterationRecord, Status
 from ngepc.results.result import Result
+from ngepc.results.stored import array_of, reading, stored_record
 from ngepc.studies.examples import THRESHOLDS, TITLES, coarse_start, example, solved_by
 from ngepc.studies.large import indented_block
 from ngepc.studies.limit_problems import GROWING, LIMITS
 from ngepc.studies.work import Work
 
-FINGERPRINT = {"kind": "run of ngepc solve", "version": 3}
+FINGERPRINT = {"kind": "run of ngepc solve", "version": 4}
 NUMBERS = ("status", "iterations", "residual_norm", "dual_energy", "primal_energy", "error_bound",
-           "contact_force", "displacement_l2", "plastic_strain_l2", "wall_time_s")  # fmt: skip
+           "guaranteed", "contact_force", "displacement_l2", "plastic_strain_l2",
+           "wall_time_s")  # fmt: skip
 PROVENANCE = ("command", "version", "ngsolve", "numpy", "python")
 OF_PATHS = ("message", "outer_iterations", "inner_iterations", "total_inner_iterations",
             "gammas", "gamma_end", "path_values", "residual_norms")  # fmt: skip
@@ -57,21 +59,24 @@ def solve(args: argparse.Namespace) -> int:
     check_targets(args.json, args.save)
     if args.figures is not None:
         check_folder(args.figures)
-    result, seconds, error = _solution(args)
+    result, seconds, bound = _solution(args)
     record = {
         **records.solve_record(args.problem, result, seconds),
         "method": args.method if args.gamma is None else "paper",
         "gamma": args.gamma,
         "start": args.start,
         "error_asked": args.error,
-        "error_bound": error,
+        "error_bound": None,
+        "guaranteed": None,
         **records.provenance(),
     }
-    bound = "not bounded"
-    if error is not None:
-        bound = f"at most {100 * error:.3g} percent, guaranteed"
-    summarise(record, bound, args.json, args.quiet)
-
+    error = "not bounded"
+    if bound is not None:
+        record["error_bound"] = bound.relative
+        record["guaranteed"] = bound.guaranteed
+        percent = 100 * bound.relative
+        error = f"at most {percent:.3g} percent, {bound.kind}"
+    summarise(record, error, args.json, args.quiet)
     written = []
     how = "give --save FILE next time to be able to go on"
     if args.save is not None:
@@ -128,13 +133,13 @@ def saved_figures(figures: dict, folder: Path, start: str) -> list[Path]:
     ]
 
 
-def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
-    """The result, the seconds it took, and the guaranteed relative energy error of solutions."""
+def _solution(args: argparse.Namespace) -> tuple[Result, float, ErrorBound | None]:
+    """The result, the seconds it took, and the bound of the energy error of solutions."""
     problem = example(args.problem, args.nodes, args.maxh)
     begin = time.perf_counter()
     if args.goal is not None or args.error is not None:
-        result, error = _refined(args, problem)
-        return result, time.perf_counter() - begin, error
+        result, bound = _refined(args, problem)
+        return result, time.perf_counter() - begin, bound
     options = NewtonOptions(**given(args, NEWTON))
     method = args.method if args.gamma is None else args.gamma
     start = _start(args, method, options)
@@ -143,11 +148,11 @@ def _solution(args: argparse.Namespace) -> tuple[Result, float, float | None]:
         result = solved_by(method, problem, start, options, line)
     seconds = time.perf_counter() - begin
     solution = result.status.is_success and not hasattr(result, "regularisation")
-    return result, seconds, error_bound(result).relative if solution else None
+    return result, seconds, error_bound(result) if solution else None
 
 
-def _refined(args: argparse.Namespace, problem: Problem) -> tuple[Result, float]:
-    """The result on the last mesh for ``--error`` or ``--goal``, and its relative error."""
+def _refined(args: argparse.Namespace, problem: Problem) -> tuple[Result, ErrorBound]:
+    """The result on the last mesh for ``--error`` or ``--goal``, and its error bound."""
     report = reporter(args.quiet)
 
     def note(mesh: MeshRecord) -> None:
@@ -166,7 +171,7 @@ def _refined(args: argparse.Namespace, problem: Problem) -> tuple[Result, float]
     result = bounded.result
     if result.status.is_success and not bounded.reached:
         result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)
-    return result, bounded.bound.relative
+    return result, bounded.bound
 
 
 def _start(
@@ -249,12 +254,8 @@ def load_run(path: Path) -> tuple[dict, Problem, GridFunction | DualResult]:
             f"{path}: no such run; make one by ngepc solve ... --save {path}"
         )
     stored = checkpoint.load(path, FINGERPRINT)
-    try:
+    with reading(path):
         return _restored(path, stored)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(
-            f"checkpoint {path} is damaged ({type(error).__name__}: {error}): move it away"
-        ) from error
 
 
 def _restored(
@@ -263,18 +264,22 @@ def _restored(
     """The result of ``load_run`` from the contents of the file."""
     kept = stored.record
     problem = example(**kept["place"])
-    record = kept["record"]
+    record = records.checked(kept["record"])
+    rows = kept["history"]
+    history = [stored_record(path, IterationRecord, row) for row in rows]
     if record["method"] != "paper":
         u = GridFunction(displacement_space(problem))
         values = u.vec.FV().NumPy()
-        values[:] = checkpoint.array_of(path, stored.arrays, "state", len(values))
+        size = len(values)
+        values[:] = array_of(path, stored.arrays, "state", size)
         return record, problem, u
-    functional = prepared(problem, Coupled(record["gamma"]), NewtonOptions())
-    status = Status[record["status"].upper()]
+    coupled = Coupled(record["gamma"])
+    functional = prepared(problem, coupled, NewtonOptions())
+    name = record["status"].upper()
     size = len(functional.blocks.H_vector())
-    state = checkpoint.array_of(path, stored.arrays, "state", size)
-    rows = kept["history"]
-    return record, problem, DualResult.restored(functional, state, status, rows)
+    state = array_of(path, stored.arrays, "state", size)
+    result = DualResult.restored(functional, state, Status[name], history)
+    return record, problem, result
 
 
 def path(args: argparse.Namespace) -> int:

@@ -8,7 +8,6 @@ corners differ.  Features narrower than the lattice can still be missed.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations_with_replacement, permutations
@@ -21,17 +20,17 @@ from ngsolve import (
     VOL,
     CoefficientFunction,
     ElementId,
-    GridFunction,
     IntegrationRule,
     Mesh,
     specialcf,
 )
 
-from ngepc.checks.arguments import Coefficient, is_number
+from ngepc.checks.arguments import Coefficient
+from ngepc.discretisation.polynomials import is_polynomial
 
 SIMPLICES = {1: ET.SEGM, 2: ET.TRIG, 3: ET.TET}
-FINEST = {1: 128, 2: 72, 3: 18}
-"""Parts of an edge by dimension: they resolve strips of 1/50 of an edge, 1/10 in space."""
+FINEST = {1: 128, 2: 96, 3: 18}
+"""Parts of an edge by dimension: they resolve spots of 1/50 of an edge, 1/10 in space."""
 FINEST_FACET = 48
 """Parts of an edge of a triangle on the boundary of a body in space."""
 COARSEST = {1: 128, 2: 12, 3: 6}
@@ -43,38 +42,6 @@ STEEP = {1: 0.01, 2: 0.05, 3: 0.1}
 """A part is cut if its corners differ by more than this part of the variation in the element."""
 FOLLOWED = 1e-4
 """Part of the largest value that a cubic function may miss on an element that rules integrate."""
-POLYNOMIALS = re.compile(
-    r"coordinate [xyz]|unary operation ' '|binary operation '[-+*]'|none|ZeroCF|normal vector"
-    r"|scale \S+|scalar-vector multiply|innerproduct|-?[0-9.e+-]+|N5ngfem\w*Vectorial"
-    r"|VectorialCoefficientFunction"
-    r"|.*DomainWiseCoefficientFunction|.*GridFunction|.*ParameterCoefficientFunction"
-    r"|.*ComponentCoefficientFunction|.*[Rr]eshape|.*UnitVector|ConstantCF"
-)
-
-OUTWARD = re.compile(
-    r"coef \w+IfPosCoefficientFunctionE, real\s+coef innerproduct[^\n]*"
-    r"\s+coef normal vector[^\n]*\s+coef \w+BoundaryFromVolumeCoefficientFunctionE[^\n]*"
-    r"\s+coef unary operation ' ', real\s+coef -1, real"
-    r"\s+coef unary operation ' ', real\s+coef 1, real"
-)
-"""The sign in ``outward_normal``: one number on each straight boundary element."""
-
-
-def is_polynomial(value: Coefficient | None) -> bool:
-    """Whether a coefficient is known to be a polynomial on each element.
-
-    Numbers, functions of finite element spaces, sums and products of these, of coordinates and of
-    the outward normal are.  The text of the expression decides; operands that it does not name
-    count as other functions.
-    """
-    if value is None or is_number(value) or not isinstance(value, CoefficientFunction):
-        return True
-    text = OUTWARD.sub("coef 1, real", str(value))
-    if text.strip() == "ZeroCoefficientFunction" or isinstance(value, GridFunction):
-        return True
-    words = re.findall(r"coef ([^\n]*?)(?:, real[^\n]*)?(?:\n|$)", text)
-    named = [re.split(r", (?:real|fix size|dim)", word)[0].strip() for word in words]
-    return bool(named) and all(POLYNOMIALS.match(word) for word in named)
 
 
 @cache
@@ -102,6 +69,16 @@ def degree_two(dim: int) -> np.ndarray:
     """Barycentric points of a rule with equal weights that is exact for degree two."""
     share = (1 - (dim + 2) ** -0.5) / (dim + 1)
     return share + (1 - (dim + 1) * share) * np.eye(dim + 1)
+
+
+def parts_of_edges(mesh: Mesh, kind: object) -> int:
+    """Parts of an edge in the lattice on the elements of a body (VOL) or its boundary (BND)."""
+    inside = kind == VOL
+    dim = mesh.dim if inside else mesh.dim - 1
+    finest = FINEST_FACET if dim == 2 and not inside else FINEST[dim]
+    elements = mesh.ne if inside else mesh.GetNE(BND)
+    each = MOST_POINTS * factorial(dim) / max(elements, 1)
+    return int(min(finest, max(COARSEST[dim], each ** (1 / dim))))
 
 
 def rule_at(shares: np.ndarray) -> IntegrationRule:
@@ -196,7 +173,7 @@ class Scan:
         self.kind = kind
         self.dim = mesh.dim if kind == VOL else mesh.dim - 1
         self.hidden = np.zeros(0, dtype=int)
-        if is_polynomial(value):
+        if is_polynomial(value, mesh):
             return
         numbers = np.arange(mesh.ne if kind == VOL else mesh.GetNE(BND))
         if chosen is not None:
@@ -211,12 +188,7 @@ class Scan:
     @cached_property
     def count(self) -> int:
         """Parts of an edge in the lattice."""
-        finest = FINEST[self.dim]
-        if self.kind == BND and self.dim == 2:
-            finest = FINEST_FACET
-        elements = self.mesh.ne if self.kind == VOL else self.mesh.GetNE(BND)
-        each = MOST_POINTS * factorial(self.dim) / max(elements, 1)
-        return int(min(finest, max(COARSEST[self.dim], each ** (1 / self.dim))))
+        return parts_of_edges(self.mesh, self.kind)
 
     def _hidden(self, numbers: np.ndarray) -> np.ndarray:
         """The elements whose lattice values no cubic function fits."""

@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ngepc._deprecated import old_names
 from ngepc.discretisation.loads import prescribed_displacement
+from ngepc.discretisation.sampled import what_is_unseen
 from ngepc.dual import saddle
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
@@ -59,7 +60,8 @@ class LinearBlocks:
         advice = "; leave gamma and regularisation out"
         require_covered(problem, "the paper's regularised method", COVERS, advice)
         self.problem = problem
-        self.note = order_note(problem, ", as the regularised method needs them")
+        order = order_note(problem, ", as the regularised method needs them")
+        self.note = " ".join(filter(None, (order, what_is_unseen(problem))))
         self.choice = choice
         self.inverse = inverse
         fixed = choice.tichonov.fixed

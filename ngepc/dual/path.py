@@ -155,7 +155,7 @@ def follow_path(
     functional = partial(DualFunctional, blocks, newton.quadrature_points)
     limits = newton.linesearch, newton.max_iterations, newton_monitor
     steps, kept = store.load()
-    last = DualResult.restored(functional(steps[-1].gamma), **kept) if steps else None
+    last = store.restored(functional(steps[-1].gamma), kept) if steps else None
     try:
         while (status := rules.status(steps)) is None:
             gamma, aim = rules.next(steps)

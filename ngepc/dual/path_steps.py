@@ -8,13 +8,14 @@ from pathlib import Path
 
 from ngepc.checks.declared import Declared
 from ngepc.checks.kinds import require_path
-from ngepc.dual.functional import DualIterate
+from ngepc.dual.functional import DualFunctional, DualIterate
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import DualSpaces
 from ngepc.model.problem import Problem
 from ngepc.results import checkpoint
 from ngepc.results.files import check_writable
-from ngepc.results.outcome import Ending, Status
+from ngepc.results.outcome import Ending, IterationRecord, Status
+from ngepc.results.stored import array_of, reading, stored_record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,12 +150,21 @@ class PathStore:
         )
         if saved is None:
             return [], {}
-        steps = [
-            PathStep(**s | {"status": Status[s["status"]]})
-            for s in saved.record["steps"]
-        ]
-        rows = saved.record["history"]
-        return steps, {"v": saved.arrays["v"], "status": steps[-1].status, "rows": rows}
+        with reading(self._path):
+            rows = saved.record["steps"]
+            steps = [stored_record(self._path, PathStep, row) for row in rows]
+            history = saved.record["history"]
+            records = [
+                stored_record(self._path, IterationRecord, row) for row in history
+            ]
+            kept = {"records": records, "status": steps[-1].status}
+            return steps, kept | {"arrays": saved.arrays}
+
+    def restored(self, functional: DualFunctional, kept: dict) -> DualResult:
+        """The last result of the steps on disk; ValueError if its array has another shape."""
+        size = len(functional.blocks.H_vector())
+        v = array_of(self._path, kept["arrays"], "v", size)
+        return DualResult.restored(functional, v, kept["status"], kept["records"])
 
     def save(self, steps: list[PathStep], last: DualResult) -> None:
         """Write the steps and the last result atomically, if it has converged."""

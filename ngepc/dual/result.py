@@ -45,11 +45,14 @@ class DualResult(Result):
 
     @classmethod
     def restored(
-        cls, functional: DualFunctional, v: np.ndarray, status: Status, rows: list[dict]
+        cls,
+        functional: DualFunctional,
+        v: np.ndarray,
+        status: Status,
+        history: list[IterationRecord],
     ) -> DualResult:
         """A stored result, from v, its status and ``History.as_rows``; y is solved for."""
         vector = functional.blocks.H_vector()
-        history = [IterationRecord(**row) for row in rows]
         vector.FV().NumPy()[:] = v
         y = functional.blocks.primal_of(vector)
         note = functional.blocks.note

@@ -111,7 +111,8 @@ class Increments:
         try:
             preview(self.coarse, ends, self.difference)
             self._through(ends)
-        except (StopIteration, KeyboardInterrupt):
+        except (StopIteration, KeyboardInterrupt) as error:
+            evolution.problem.processes.check_stop(error)
             evolution.status = Status.STOPPED
             evolution.message = f"After {len(evolution.steps)} steps."
             return

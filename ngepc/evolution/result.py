@@ -22,11 +22,18 @@ from ngepc.local.system import DiscreteProblem
 from ngepc.model.material import PEEQ, Material
 from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
-from ngepc.results.checkpoint import load, problem_fingerprint, save, work_fingerprint
+from ngepc.results.checkpoint import (
+    Checkpoint,
+    load,
+    problem_fingerprint,
+    save,
+    work_fingerprint,
+)
 from ngepc.results.fields import Fields
 from ngepc.results.files import check_writable
 from ngepc.results.outcome import Ending, History, Status
 from ngepc.results.result import DiscreteSolution, Result
+from ngepc.results.stored import array_of, reading, value_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +204,7 @@ class StepRecord:
     max_plastic_strain: float  # largest |p_0 + p|_F at the points
     nodes: int  # vertices of the mesh of the step
     error_bound: float | None = None  # ``ErrorBound.relative`` where one was asked for
+    guaranteed: bool | None = None  # ``ErrorBound.guaranteed``, whether that is proved
     time_error: float | None = None
     """Estimate of the relative time error up to this step, if an accuracy was given."""
     max_contact_pressure: float = 0.0  # largest at the nodes (stress), exact methods
@@ -206,7 +214,7 @@ class StepRecord:
     def of(
         cls, result: Result, fields: Fields, points: Points, **known: object
     ) -> StepRecord:
-        """The numbers of a step; ``known`` are ``time``, ``cuts`` and ``error_bound``."""
+        """The numbers of a step; ``known`` are ``time``, ``cuts`` and the bound."""
         problem = fields.problem
         forces = result.equilibrium.reactions
         elastic = tensors(points, fields.elastic_strain)
@@ -442,7 +450,9 @@ class EvolutionFile:
         ValueError if the file is damaged or belongs to other work.
         """
         stored = self._processes.together(partial(load, self.path, self.fingerprint))
-        found = {"steps": [], "pending": []} if stored is None else stored.record
+        found = {"steps": [], "pending": []}
+        if stored is not None:
+            found = self._processes.together(partial(self._checked, stored))
         reached = self._processes.all((len(found["steps"]), found["pending"]))
         count, pending = min(
             reached, key=itemgetter(0)
@@ -454,11 +464,31 @@ class EvolutionFile:
         ]
         return list(zip(rows, arrays, strict=True)), pending
 
-    def check(self, problem: Problem, row: dict) -> None:
-        """ValueError if ``problem`` is not what the step of a row was solved for."""
-        differs = problem_fingerprint(problem) != row.pop("fingerprint")
+    def _checked(self, stored: Checkpoint) -> dict:
+        """The record of a file, with steps and pending times as they must be."""
+        with reading(self.path):
+            steps = stored.record["steps"]
+            pending = stored.record["pending"]
+            if not all(isinstance(row["fingerprint"], str) for row in steps):
+                raise TypeError("steps without fingerprints")
+            for time, level in pending:
+                value_of("pending time", float, time)
+                value_of("level", int, level)
+            sizes = set()
+            for number in range(len(steps)):
+                forces = stored.arrays.get(f"contact{number}")
+                if forces is not None:
+                    array_of(self.path, {"contact": forces}, "contact", forces.size)
+                sizes.add(None if forces is None else forces.size)
+            if len(sizes) > 1:
+                raise ValueError(f"forces of contact of different sizes, {sizes}")
+            return {"steps": steps, "pending": pending}
+
+    def check(self, problem: Problem, time: float, digest: str) -> None:
+        """ValueError if ``problem`` is not what the step to a time was solved for."""
+        differs = problem_fingerprint(problem) != digest
         if self._processes.any(np.array(differs)):
-            other = f"the step to time {row['time']:g} had other data; move it away"
+            other = f"the step to time {time:g} had other data; move it away"
             raise ValueError(f"checkpoint {self.path} belongs to other work: {other}")
 
     def save(

@@ -34,10 +34,10 @@ from ngepc.evolution.result import (
 from ngepc.local.solver import RepeatedSolver
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
-from ngepc.results.checkpoint import array_of
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Status
 from ngepc.results.result import DiscreteSolution, Result
+from ngepc.results.stored import array_of, stored_record
 
 log = logging.getLogger(__name__)
 
@@ -210,9 +210,11 @@ class _Run:
         self.file = file
         steps, pending = file.load()
         for row, arrays in steps:
-            problem = self._problem_at(row["time"])
+            digest = row.pop("fingerprint")
+            record = stored_record(file.path, StepRecord, row)
+            problem = self._problem_at(record.time)
             functions = self.evolution.memory.functions
-            file.check(problem, row)
+            file.check(problem, record.time, digest)
             u = GridFunction(displacement_space(problem), name="displacement")
             p = functions.function(
                 np.zeros((len(functions.points), problem.kinematics.d))
@@ -221,7 +223,7 @@ class _Run:
                 values = function.vec.FV().NumPy()
                 values[:] = array_of(file.path, arrays, name, len(values))
             fields = Fields(problem, u, p)
-            self._append(EvolutionStep(fields, StepRecord(**row), arrays["contact"]))
+            self._append(EvolutionStep(fields, record, arrays["contact"]))
         self.pending = pending if steps else self.pending
 
     @property
@@ -259,8 +261,9 @@ class _Run:
                 if self.file is not None:
                     self.file.save(evolution.steps, self.pending)
                 if self.monitor is not None:
-                    self.monitor(evolution.steps[-1])
-        except (StopIteration, KeyboardInterrupt):
+                    self.problem.processes.show(self.monitor, evolution.steps[-1])
+        except (StopIteration, KeyboardInterrupt) as error:
+            self.problem.processes.check_stop(error)
             evolution.status = Status.STOPPED
             evolution.message = f"After {len(evolution.steps)} steps."
 
@@ -302,6 +305,7 @@ class _Run:
         """One step, on meshes that follow its bound; how it ended."""
         start = self.start
         relative = None
+        proved = None
         while True:
             result = self.solver(self._problem_at(time), start=start)
             if not isinstance(result, Result):
@@ -318,6 +322,7 @@ class _Run:
             bound = error_bound(result)
             start = result.displacement
             relative = bound.relative
+            proved = bound.guaranteed
             if relative <= self.error:
                 break
             if message := self._refine(bound, time):
@@ -326,6 +331,7 @@ class _Run:
         increment = functions.function(functions.points.at(result.plastic_increment))
         fields = Fields(result.problem, result.displacement, increment)
         known = {"time": time, "cuts": level, "error_bound": relative}
+        known["guaranteed"] = proved
         record = StepRecord.of(result, fields, functions.points, **known)
         rows = result.state.contact if isinstance(result, DiscreteSolution) else None
         self._append(EvolutionStep(fields, record, rows))

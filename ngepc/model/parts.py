@@ -39,6 +39,9 @@ INSTALL = (
     "'conda install -c conda-forge mpi4py openmpi' anywhere"
 )
 
+INTERRUPTED = 130
+"""The exit status after Ctrl-C."""
+
 Regions = list[tuple[int, str, np.ndarray]]
 
 
@@ -51,12 +54,32 @@ def end_all_processes(
     processes, before mpi4py, which knows that one has failed, comes to end them.
     """
     sys.__excepthook__(kind, error, traceback)
+    _end_all(INTERRUPTED if issubclass(kind, KeyboardInterrupt) else 1)
+
+
+def end_all_on_exit(status: int) -> None:
+    """End the other processes where this one leaves by ``sys.exit`` with a status or a message.
+
+    ``python -m mpi4py`` calls it while an exception goes through; all but SystemExit are left to
+    ``end_all_processes``.
+    """
+    error = sys.exc_info()[1]
+    if not isinstance(error, SystemExit):
+        return
+    if not isinstance(error.code, int):
+        sys.stderr.write(f"{error.code}\n")
+    _end_all(status)
+
+
+def _end_all(status: int) -> None:
+    sys.stdout.flush()
     sys.stderr.flush()
-    MPI.COMM_WORLD.Abort(1)
+    MPI.COMM_WORLD.Abort(status)
 
 
 if MPI is not None and MPI.COMM_WORLD.size > 1:
     sys.excepthook = end_all_processes
+    MPI._set_abort_status = end_all_on_exit
 
 
 def _halved(corners: np.ndarray, edges: np.ndarray, points: np.ndarray) -> np.ndarray:

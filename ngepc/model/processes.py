@@ -73,6 +73,21 @@ class Team:
         """Whether one of the flags of all processes is set."""
         return any(self.all(bool(flags.any())))
 
+    def show(self, monitor: Callable[[T], None], seen: T) -> None:
+        """Show something to the monitor of each process; StopIteration on all if one raises it."""
+        stopped = False
+        try:
+            monitor(seen)
+        except StopIteration:
+            stopped = True
+        if any(self.all(stopped)):
+            raise StopIteration
+
+    def check_stop(self, error: BaseException) -> None:
+        """Raise an interrupt again where others would wait: it ends all processes."""
+        if self.size > 1 and isinstance(error, KeyboardInterrupt):
+            raise error
+
     def maximum(self, values: np.ndarray) -> float:
         """The largest of the values >= 0 of all processes, 0 for none."""
         return max(self.all(float(values.max(initial=0.0))))

@@ -25,7 +25,7 @@ from ngepc.model.places import Place, values_at
 from ngepc.model.problem import Problem
 from ngepc.results.files import replace_contents
 
-FORMAT = 2
+FORMAT = 3
 
 
 class Checkpoint(NamedTuple):
@@ -41,7 +41,7 @@ def save(path: Path, fingerprint: Mapping, record: Mapping, arrays: Mapping) -> 
     OSError if the folder is missing or full.
     """
     header = {"format": FORMAT, "fingerprint": dict(fingerprint), "record": record}
-    header["arrays"] = sorted(arrays)
+    header["contents"] = contents_of(record, arrays)
     stream = io.BytesIO()
     np.savez(stream, header=np.array(json.dumps(header)), **arrays)
     replace_contents(path, stream.getvalue())
@@ -65,8 +65,8 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
         form = header["format"]
         theirs = dict(header["fingerprint"])
         record = header["record"]
-        if form == FORMAT and header["arrays"] != sorted(arrays):
-            raise ValueError("it is incomplete")
+        if form == FORMAT and header["contents"] != contents_of(record, arrays):
+            raise ValueError("its contents are not those that were written")
     except (
         Exception
     ) as error:  # NumPy and zipfile raise errors of many kinds for damaged archives
@@ -87,17 +87,13 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
     return Checkpoint(record, arrays)
 
 
-def array_of(path: Path, arrays: Mapping, name: str, size: int) -> np.ndarray:
-    """A stored array of ``size`` finite numbers; a ValueError with the file's name if it is not."""
-    found = arrays.get(name)
-    legal = found is not None and found.dtype == float and found.shape == (size,)
-    if not legal or not np.isfinite(found).all():
-        told = "is missing" if found is None else f"is {found.dtype} {found.shape}"
-        raise ValueError(
-            f"checkpoint {path} is damaged: {name!r} {told}, {size} finite real numbers are "
-            "needed; move it away"
-        )
-    return found
+def contents_of(record: object, arrays: Mapping[str, np.ndarray]) -> str:
+    """A digest of a record and of the names, types, shapes and numbers of arrays."""
+    parts = [json.dumps(record, sort_keys=True)]
+    for name in sorted(arrays):
+        array = np.asarray(arrays[name])
+        parts += [f"{name} {array.dtype.str} {array.shape}", array]
+    return digest_of(parts)
 
 
 def work_fingerprint(kind: str, problem: Problem, **more: object) -> dict:

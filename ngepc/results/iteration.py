@@ -95,7 +95,8 @@ def newton_iteration(
                 seen = History(list(history.records))
                 ending = f"after {record.iteration} steps"
                 snapshot = partial(result, state, Status.STOPPED, ending, seen)
-                monitor(replace(record, snapshot=snapshot))
+                shown = replace(record, snapshot=snapshot)
+                state.body.contact.processes.show(monitor, shown)
             status, message = end_of(state, before, history, tolerance, max_iterations)
             if status is Status.CONVERGED and state.body.contact.friction.d:
                 status, message = uniqueness(state.with_radial_return(), tangent)
@@ -109,7 +110,8 @@ def newton_iteration(
     except FactorisationError as error:
         status = Status.NONFINITE
         message = f"{error}."
-    except (StopIteration, KeyboardInterrupt):
+    except (StopIteration, KeyboardInterrupt) as error:
+        state.body.contact.processes.check_stop(error)
         status = Status.STOPPED
         message = f"after {len(history.records) - 1} steps"
     return result(state, status, message, history)

@@ -49,7 +49,8 @@ FIELDS = {
     "gamma": "of the paper's method, else null",
     "start": "zero, coarse or the file of a run",
     "error_asked": "relative energy error asked for with --error, else null",
-    "error_bound": "guaranteed relative energy error; null for regularised states",
+    "error_bound": "bound of the relative energy error; null for regularised states",
+    "guaranteed": "whether error_bound is proved; false where data are known from samples",
     "version": "of ngepc",
     "ngsolve": "version",
     "numpy": "version",
@@ -57,6 +58,47 @@ FIELDS = {
     "command": "the command line",
 }
 """Field of a solve -> what it is."""
+
+
+TEXTS = ("problem", "label", "status", "message", "method", "start")
+TEXTS += ("version", "ngsolve", "numpy", "python", "command")
+COUNTS = ("schema", "nodes", "elements", "unknowns", "iterations", "halvings")
+LISTS = ("residual_norms", "step_lengths")
+"""Fields that are texts, counts and lists of numbers; the others are numbers or None."""
+METHODS = ("default", "paper", "primal")
+
+
+def checked(record: object) -> dict[str, Any]:
+    """A record that was stored; KeyError, TypeError or ValueError if it is none."""
+    if not isinstance(record, dict):
+        raise TypeError(f"{record!r} is no record of a solve")
+    missing = [name for name in FIELDS if name not in record]
+    if missing:
+        raise KeyError(f"{', '.join(missing)} missing in the record")
+    for name, value in record.items():
+        _check_field(name, value)
+    if record["method"] not in METHODS:
+        raise ValueError(f"method={record['method']!r}: one of {METHODS} is needed")
+    return record
+
+
+def _check_field(name: str, value: object) -> None:
+    """TypeError if a field of a record has a value of another kind."""
+    if name not in FIELDS:
+        raise KeyError(f"{name} is no field of a record")
+    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 0
+    if name in TEXTS:
+        legal = isinstance(value, str)
+    elif name in COUNTS:
+        legal = whole
+    elif name in LISTS:
+        legal = isinstance(value, list) and all(isinstance(v, float) for v in value)
+    elif name == "guaranteed":
+        legal = value is None or isinstance(value, bool)
+    else:
+        legal = value is None or whole or isinstance(value, float)
+    if not legal:
+        raise TypeError(f"{name}={value!r} is not what a record has there")
 
 
 def provenance() -> dict[str, Any]:

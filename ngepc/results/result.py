@@ -12,6 +12,7 @@ from ngsolve import H1, CoefficientFunction, Grad, GridFunction, Norm, VectorH1
 from ngepc.discretisation.body import Iterate
 from ngepc.discretisation.mortar import deepest_pair_overlap
 from ngepc.discretisation.rows import ContactRows, deepest_overlap
+from ngepc.discretisation.sampled import hidden_overlap, what_is_unseen
 from ngepc.model.data import order_note
 from ngepc.model.elements import plastic_points, vertex_coordinates
 from ngepc.model.own import require_same_mesh
@@ -26,6 +27,9 @@ FEW_FACETS = 4
 
 SLIPPING = 1e-10
 """Part of the largest displacement above which a row that touches has slipped."""
+
+DEEP = 0.01
+"""Part of the largest displacement by which an obstacle between nodes may overlap in silence."""
 
 SMALL_STRAIN = 0.03
 SMALL_ROTATION = 0.05
@@ -206,18 +210,25 @@ class DiscreteSolution(Result):
     def penetration(self) -> float:
         """The deepest overlap with an obstacle or another body at any point (length).
 
-        It is evaluated at 13 points along each edge, and inside facets likewise.  Rows that must
-        stay closed count with what they open or overlap.  Where the gap is quadratic on straight
+        It is evaluated at 13 points along each edge, and inside facets likewise, at 129 and 49
+        where an obstacle varies.  Rows that must stay closed count with what they open or
+        overlap.  Where the gap is quadratic on straight
         facets, linear for order one, nothing but rounding is left for a solution.
         """
         problem = self.problem
-        depth = deepest_overlap(problem, self.state.u)
+        depth = max(deepest_overlap(problem, self.state.u), self._hidden_overlap)
         for pair in problem.contact_pairs:
             if not pair.tied:
                 depth = max(depth, deepest_pair_overlap(problem, pair, self.state.u))
         tied = np.abs(self.open_gap[self.rows.tied])
         depth = max(depth, float(tied.max(initial=0.0)))
         return problem.processes.maximum(np.array([depth]))
+
+    @cached_property
+    def _hidden_overlap(self) -> float:
+        """The deepest overlap with an obstacle that varies between nodes (length)."""
+        depth = hidden_overlap(self.problem, self.state.u)
+        return self.problem.processes.maximum(np.array([depth]))
 
     @property
     def pressing(self) -> np.ndarray:
@@ -346,8 +357,15 @@ class DiscreteSolution(Result):
                 f"{loose} rigid motion(s) of a part that contact alone holds are not determined: "
                 "its place is one of many, stresses are not concerned."
             )
-        if note := order_note(self.problem):
-            found.append(note)
+        size = processes.maximum(np.abs(self.state.u))
+        if self._hidden_overlap > DEEP * size:
+            found.append(
+                f"Between nodes the body overlaps an obstacle by up to {self._hidden_overlap:.3g}: "
+                "refine the contact boundary there."
+            )
+        for note in (order_note(self.problem), what_is_unseen(self.problem)):
+            if note:
+                found.append(note)
         strain = self.largest_strain
         rotation = self.largest_rotation
         if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:

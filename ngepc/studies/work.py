@@ -16,6 +16,7 @@ import numpy as np
 from ngepc.results import checkpoint
 from ngepc.results.files import check_folder
 from ngepc.results.records import provenance, to_json, write_text
+from ngepc.results.stored import reading
 
 FORM = 2
 """Grows with what studies say in their records: cells of another one are refused."""
@@ -108,7 +109,8 @@ class Work(ABC):
         if self.keeps:
             check_folder(path.parent)
             if (stored := checkpoint.load(path, about)) is not None:
-                return stored.record["records"]
+                with reading(path):
+                    return _records(stored.record, cell)
         found = self.solve(**cell)
         records = [
             {**cell, **r} for r in ([found] if isinstance(found, dict) else found)
@@ -206,6 +208,18 @@ def _git(*words: str) -> str | None:
         [program, "-C", str(PACKAGE), *words], capture_output=True, text=True
     )
     return done.stdout.strip() if done.returncode == 0 else None
+
+
+def _records(kept: Mapping, cell: Mapping) -> list[dict]:
+    """The records of a cell; TypeError if they are none."""
+    found = kept["records"]
+    theirs = found and all(
+        isinstance(r, dict) and all(r.get(k) == v for k, v in cell.items())
+        for r in found
+    )
+    if not isinstance(found, list) or not theirs:
+        raise TypeError(f"no records of the cell {dict(cell)}")
+    return found
 
 
 def spoken(record: Mapping) -> dict:

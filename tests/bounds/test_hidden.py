@@ -24,7 +24,8 @@ from ngsolve import (
 )
 
 from ngepc import Material, Problem, error_bound, semismooth_newton
-from ngepc.discretisation.sampling import Scan, is_polynomial
+from ngepc.discretisation.polynomials import is_polynomial
+from ngepc.discretisation.sampling import Scan
 from ngepc.geometries import block
 
 MATERIAL = Material.kinematic(

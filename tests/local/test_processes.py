@@ -78,22 +78,57 @@ problem = Problem(parts.distribute(whole), Material.kinematic(**metal), **presse
 def monitor(record):
     if comm.rank == comm.size - 1 and record.iteration == 1:
         print("raised at", time.time(), flush=True)
-        raise RuntimeError("one of several processes")
+        ENDS
 
-semismooth_newton(problem, options=NewtonOptions(inverse=PETSc()), monitor=monitor)
+result = semismooth_newton(
+    problem, options=NewtonOptions(inverse=PETSc()), monitor=monitor
+)
+print(result.status, result.iterations, flush=True)
 """
+
+
+def ended(count, ends, tmp_path):
+    """What processes leave of which the last one does this in the first step, and the seconds."""
+    script = tmp_path / "raises.py"
+    script.write_text(RAISES.replace("ENDS", ends))
+    done = finished(count, script)
+    raised = float(re.search(r"raised at (\S+)", done.stdout).group(1))
+    return done, time.time() - raised
 
 
 @pytest.mark.parametrize("count", [2, 3, 7])
 def test_one_process_that_raises_ends_all_with_its_traceback(count, tmp_path):
     """The others wait for it in a sum; PETSc's end would wait for them."""
-    script = tmp_path / "raises.py"
-    script.write_text(RAISES)
-    done = finished(count, script)
-    took = time.time() - float(re.search(r"raised at (\S+)", done.stdout).group(1))
+    error = 'raise RuntimeError("one of several processes")'
+    done, took = ended(count, error, tmp_path)
     assert done.returncode != 0
     assert "RuntimeError: one of several processes" in done.stderr
     assert "in monitor" in done.stderr
+    assert took < 30
+
+
+@pytest.mark.parametrize(
+    ("ends", "status", "said"),
+    [
+        ("sys.exit(7)", 7, ""),
+        ('sys.exit("no licence on this node")', 1, "no licence on this node"),
+        ("raise KeyboardInterrupt", 130, "KeyboardInterrupt"),
+    ],
+)
+@pytest.mark.parametrize("count", [2, 3])
+def test_one_process_that_leaves_ends_all_with_its_status(
+    count, ends, status, said, tmp_path
+):
+    done, took = ended(count, ends, tmp_path)
+    assert done.returncode == status
+    assert said in done.stderr
+    assert took < 30
+
+
+def test_a_monitor_of_one_process_stops_all(tmp_path):
+    done, took = ended(3, "raise StopIteration", tmp_path)
+    assert done.returncode == 0
+    assert done.stdout.count("stopped 1") == 3
     assert took < 30
 
 

@@ -1,0 +1,129 @@
+"""Which data of a problem are known from samples only, and what a user must know of that.
+
+Numbers, finite element functions and polynomials on elements are known exactly.  Anything else is
+looked at in points: loads on the lattice of ``Scan``, gaps at the nodes of contact, materials and
+histories at the integration points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+from ngsolve import BND, H1, VOL, ElementId, Mesh
+
+from ngepc.discretisation.loads import shapes_at
+from ngepc.discretisation.polynomials import HIGHEST, is_polynomial
+from ngepc.discretisation.sampling import Scan, lattice, parts_of_edges
+from ngepc.model.elements import cells_of
+from ngepc.model.places import Coulomb
+from ngepc.model.problem import Problem
+
+ON_BOUNDARY = (
+    "traction",
+    "pressure",
+    "gap",
+    "friction",
+    "springs",
+    "prescribed",
+    "initial_displacement",
+)
+OF_OBSTACLES = 2
+"""The highest degree of obstacles whose lowest point between nodes is known."""
+LOADS = ("body_force", "traction", "pressure")
+"""What a solver looks at on the lattice."""
+
+
+def sampled_data(problem: Problem) -> list[str]:
+    """Names of the data that are known from samples: those that are no polynomials on elements."""
+    mesh = problem.mesh
+    return [
+        name
+        for name, value in _given(problem).items()
+        if not _exact(value, mesh, OF_OBSTACLES if name == "gap" else HIGHEST)
+    ]
+
+
+def what_is_unseen(problem: Problem, scanned: Collection[str] | None = LOADS) -> str:
+    """A sentence about the data that are known from samples; empty where there are none.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    scanned
+        What is looked at on the lattice, other data at nodes and integration points; None for
+        all, as error bounds do.
+    """
+    names = sampled_data(problem)
+    if not names:
+        return ""
+    told = [f"{name} ({_seen_at(problem, name, scanned)})" for name in names]
+    return f"Known from samples: {', '.join(told)}. What is narrower can be missed."
+
+
+def _seen_at(problem: Problem, name: str, scanned: Collection[str] | None) -> str:
+    """Where a datum is looked at, in words."""
+    outside = name in ON_BOUNDARY
+    if scanned is None or name in scanned:
+        parts = parts_of_edges(problem.mesh, BND if outside else VOL)
+        return f"at 1/{parts} of each edge of an element"
+    return "at nodes" if outside else "at integration points"
+
+
+def hidden_overlap(problem: Problem, u: np.ndarray) -> float:
+    """The largest u . n - gap where an obstacle varies between nodes (length), zero if none.
+
+    It is evaluated on the lattice of ``Scan``, for nodal displacements u (nodes, N).
+    """
+    mesh = problem.mesh
+    scalar = H1(mesh, order=problem.order)
+    region = cells_of(mesh, mesh.dim - 1)[1]
+    deepest = 0.0
+    for name, gap in problem.gaps.items():
+        on = np.array(mesh.Boundaries(name).Mask(), dtype=bool)[region]
+        scan = Scan(mesh, gap, BND, on)
+        for number in scan.hidden.tolist():
+            shares = lattice(scan.dim, scan.count)[1]
+            element = ElementId(BND, number)
+            nodes = list(scalar.GetDofNrs(element))
+            moved = shapes_at(scalar, element, shares) @ u[nodes]
+            normal = scan.at(number, shares, problem.normal)
+            depth = (moved * normal).sum(axis=1)
+            depth -= scan.at(number, shares, gap)[:, 0]
+            deepest = max(deepest, float(depth.max()))
+    return deepest
+
+
+def _given(problem: Problem) -> dict[str, object]:
+    """Argument -> what was given for it."""
+    material = problem.material
+    return {
+        "body_force": problem.body_force,
+        "traction": problem.traction,
+        "pressure": problem.pressure,
+        "gap": problem.gap,
+        "friction": problem.friction,
+        "springs": problem.springs,
+        "lame_lambda": material.lame_lambda,
+        "lame_mu": material.lame_mu,
+        "yield_stress": material.yield_stress,
+        "hardening": material.effective_hardening,
+        "initial_plastic_strain": problem.initial_plastic_strain,
+        "initial_hardening": problem.initial_hardening,
+        "initial_displacement": problem.initial_displacement,
+        "initial_strain": problem.initial_strain,
+        "material.law": [] if material.law is None else material.law.data,
+        "prescribed": [value for *_, value in problem.held],
+    }
+
+
+def _exact(value: object, mesh: Mesh, highest: int) -> bool:
+    """Whether every coefficient in a value, a mapping or a sequence is a polynomial."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, Coulomb):
+        value = [value.coefficient, value.limit]
+    if isinstance(value, list | tuple):
+        return all(_exact(one, mesh, highest) for one in value)
+    return is_polynomial(value, mesh, highest)

@@ -1,0 +1,115 @@
+"""Where data are known from samples nobody says 'guaranteed'; where they are polynomials all do."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from ngsolve import sqrt, x
+
+from ngepc import (
+    Material,
+    Problem,
+    confidence,
+    contact_force_bracket,
+    displacement_bracket,
+    error_bound,
+    evolve,
+    goal_bound,
+    semismooth_newton,
+    solve_to,
+    verdict,
+)
+from ngepc.__main__ import main
+from ngepc.cli import work
+from ngepc.geometries import block
+from ngepc.pictures.wording import how_exact
+
+# elastic, since goals of bodies that yield are integrated by a rule
+MATERIAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=500.0, hardening=1e3
+)
+GAPS = {True: -0.002 - 0.01 * x, False: 0.01 * sqrt(1 + x) - 0.015}
+
+
+@pytest.fixture(scope="module", params=[True, False])
+def pressed(request):
+    """A block that an obstacle presses, and whether the obstacle is a polynomial."""
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    problem = Problem(mesh, MATERIAL, contact="contact", gap=GAPS[request.param])
+    return semismooth_newton(problem), request.param
+
+
+def word(proved):
+    return "guaranteed" if proved else "not proved"
+
+
+def test_bounds_and_goals(pressed):
+    result, proved = pressed
+    bound = error_bound(result)
+    goal = goal_bound(result, "contact_force")
+    assert bound.guaranteed is proved
+    assert bound.kind == word(proved)
+    assert ("gap (at 1/128" in bound.message) is not proved
+    assert goal.guaranteed is proved
+    assert f"({word(proved)})" in str(goal)
+
+
+def test_brackets(pressed):
+    result, proved = pressed
+    load = {"right": (1.0, 0.0)}
+    for found in (contact_force_bracket(result), displacement_bracket(result, load)):
+        assert found.guaranteed is proved
+        assert ("gap (at 1/128" in found.message) is not proved
+
+
+def test_a_load_that_is_sampled_is_no_proof_of_a_displacement(pressed):
+    result, _ = pressed
+    load = {"right": (1.0 / sqrt(2 + x), 0.0)}
+    found = displacement_bracket(result, load)
+    assert not found.guaranteed
+    assert "traction" in found.message
+
+
+def test_meshes_that_follow_the_bound(pressed):
+    result, proved = pressed
+    found = solve_to(result.problem, 0.2)
+    assert found.guaranteed is proved
+    assert f"({word(proved)})" in repr(found)
+    by_goal = solve_to(result.problem, goal="contact_force", percent=20)
+    assert by_goal.guaranteed is proved
+
+
+def test_verdicts_and_confidence(pressed):
+    result, proved = pressed
+    found = verdict(result.problem, "contact_force", at_most=1e6)
+    assert found.outcome == "PASS"
+    assert found.guaranteed is proved
+    assert f"({word(proved)})" in str(found)
+    assert ("Known from samples" in str(found)) is not proved
+    start = "Guaranteed" if proved else "Bounded from samples"
+    assert confidence(result).startswith(start)
+
+
+def test_histories(pressed):
+    result, proved = pressed
+    found = evolve(result.problem, [(1.0, {"gap": GAPS[proved]})], error=0.5)
+    assert found.steps[-1].record.guaranteed is proved
+
+
+def test_reports(pressed):
+    result, proved = pressed
+    said = how_exact(result)
+    assert ("guaranteed" in said) is proved
+    assert ("by samples" in said) is not proved
+
+
+def test_the_command_line(pressed, monkeypatch, capsys):
+    result, proved = pressed
+    flat = replace(result.problem, kinematics="two-dimensional", order=1)
+    monkeypatch.setattr(work, "example", lambda *arguments: flat)
+    assert main(["solve", "lshape"]) == 0
+    out = capsys.readouterr().out
+    assert f"percent, {word(proved)}" in out
+    assert ("Known from samples: gap" in out) is not proved
+    assert main(["solve", "lshape", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["guaranteed"] is proved

@@ -1,0 +1,63 @@
+"""What is known from samples is said, and obstacles between nodes are found."""
+
+import pytest
+from ngsolve import CF, IfPos, sin, sqrt, x, y
+
+from ngepc import Coulomb, Material, Problem, semismooth_newton
+from ngepc.discretisation.sampled import sampled_data, what_is_unseen
+from ngepc.geometries import block
+
+MATERIAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=1e3
+)
+HALF = 0.004
+"""Half of the width of a spike, a sixtieth of a facet."""
+
+
+def problem(**data):
+    return Problem(block.structured_mesh(4, 4, simplices=True), MATERIAL, **data)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        ({"body_force": (0, sin(x))}, "body_force (at 1/96 of each edge"),
+        ({"traction": {"contact": (0, sin(x))}}, "traction (at 1/128 of each edge"),
+        ({"pressure": {"contact": sin(x)}}, "pressure (at 1/128 of each edge"),
+        ({"contact": "contact", "gap": sqrt(1 + x)}, "gap (at nodes)"),
+        (
+            {"contact": "contact", "gap": 0.1, "friction": Coulomb(1 / (1 + x))},
+            "friction (at nodes)",
+        ),
+        ({"initial_strain": 1e-3 * sin(y)}, "initial_strain (at integration points)"),
+    ],
+)
+def test_what_is_sampled_is_said(data, said):
+    found = problem(**data)
+    assert sampled_data(found) == [said.partition(" ")[0]]
+    assert said in what_is_unseen(found)
+    assert said in semismooth_newton(found).message
+
+
+def test_polynomials_need_no_words():
+    load = {"contact": (0.0, -1.0 - x * y)}
+    found = problem(traction=load, body_force=CF((x, 2.0)))
+    assert what_is_unseen(found) == ""
+    assert semismooth_newton(found).message == ""
+
+
+def test_the_paper_s_method_says_it_too():
+    found = problem(order=1, traction={"contact": (0, sin(x))})
+    assert "Known from samples: traction" in semismooth_newton(found, 1e3).message
+
+
+def test_an_obstacle_between_nodes_is_found():
+    """The tip reaches 0.02 into a body that the nodes leave where it was."""
+    away = sqrt((x - 0.6) ** 2)
+    spike = IfPos(HALF - away, 1 - away / HALF, 0.0)
+    result = semismooth_newton(
+        problem(contact="contact", gap=0.01 - 0.03 * spike, order=1)
+    )
+    assert result.contact_force == 0
+    assert result.penetration == pytest.approx(0.02, rel=0.2)
+    assert "Between nodes the body overlaps an obstacle by up to 0.0" in result.message
