@@ -182,14 +182,14 @@ def stacked_blocks(N: int, maxh: float) -> Mesh:
     return Mesh(OCCGeometry(Compound(bodies), dim=N).GenerateMesh(maxh=1))
 
 
-def quarter_under_punch(
+def eighth_under_punch(
     half: float, depth: float, patch: float, cells: tuple[int, int]
 ) -> Mesh:
-    """The quarter x, y > 0 of a block below z = 0 with a square patch in the middle of its top.
+    """The eighth x > y > 0 of a block below z = 0 with a square patch in the middle of its top.
 
     Tetrahedra, six in each of so many boxes along a side and the depth; ``patch`` is half of the
     width of the square and ends between boxes.  Boundaries ``punch`` (the patch), ``free`` (the
-    rest of the top), ``left`` (x = 0), ``front`` (y = 0), ``right``, ``back``, ``bottom``.
+    rest of the top), ``front`` (y = 0), ``diagonal`` (x = y), ``right``, ``bottom``.
     """
     across, down = cells
     steps = [np.linspace(0, half, across + 1)] * 2 + [np.linspace(-depth, 0, down + 1)]
@@ -208,17 +208,21 @@ def quarter_under_punch(
             path[:2] = path[1::-1]
         tetrahedra.append(np.stack(path, axis=-1).reshape(-1, 4))
     nodes = np.concatenate(tetrahedra)
+    centre = x[nodes].mean(axis=1)
+    used, numbers = np.unique(nodes[centre[:, 0] > centre[:, 1]], return_inverse=True)
+    x = x[used]
+    nodes = numbers.reshape(-1, 4)
     faces = np.sort(nodes[:, list(combinations(range(4), 3))].reshape(-1, 3), axis=1)
     faces, count = np.unique(faces, axis=0, return_counts=True)
     faces = faces[count == 1]
     centre = x[faces].mean(axis=1)
     groups = [(3, "body", nodes)]
-    walls = {"left": (0, 0.0), "front": (1, 0.0), "right": (0, half), "back": (1, half)}
-    walls |= {"bottom": (2, -depth), "free": (2, 0.0)}
+    walls = {"front": x[:, 1], "right": x[:, 0] - half, "diagonal": x[:, 0] - x[:, 1]}
+    walls |= {"bottom": x[:, 2] + depth, "free": x[:, 2]}
     pressed = (centre[:, 2] == 0) & (centre[:, :2].max(axis=1) < patch)
     groups.append((2, "punch", faces[pressed]))
-    for name, (axis, place) in walls.items():
-        on = np.isclose(x[faces][:, :, axis], place).all(axis=1) & ~pressed
+    for name, distance in walls.items():
+        on = np.isclose(distance, 0.0)[faces].all(axis=1) & ~pressed
         groups.append((2, name, faces[on]))
     return Mesh(netgen_mesh(3, x, groups))
 
@@ -238,3 +242,19 @@ def ground_under_strip(maxh: float) -> Mesh:
     corners = [((0, -3), "held"), ((4, -3), "held"), ((4, 0), "free")]
     corners += [((1, 0), "load"), ((0, 0), "axis")]
     return meshed(outline(corners), maxh)
+
+
+def quarter_sheet(half: float, radius: float, maxh: float) -> Mesh:
+    """A quarter of a square sheet with a hole in its middle.
+
+    Boundaries ``left``, ``bottom`` (planes of symmetry), ``right``, ``top``, ``hole``.
+    """
+    square = Rectangle(half, half).Face()
+    for edge in square.edges:
+        edge.name = "top"
+    square.edges.Min(X).name = "left"
+    square.edges.Min(Y).name = "bottom"
+    square.edges.Max(X).name = "right"
+    hole = Circle((0, 0), radius).Face()
+    hole.edges.name = "hole"
+    return Mesh(OCCGeometry(square - hole, dim=2).GenerateMesh(maxh=maxh))

@@ -78,8 +78,9 @@ OPTIONS = {
         "zero",
     ),
     "body": (
-        ("cut", "strip", "square", "punch"),
-        "a vertical cut, ground under a strip, a square, a block of clay under a punch",
+        ("cut", "strip", "square", "sheet", "punch", "rough-punch"),
+        "a vertical cut, ground under a strip, a square, a sheet with a hole, a block of clay"
+        " under a punch",
     ),
     "--width X": (
         positive,

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.bounds.simplices import FACETS
+from ngepc.limit.bernstein import times_hats
+from ngepc.limit.continuous import ContinuousVelocities
 from ngepc.limit.data import LimitData, barycentric
 from ngepc.limit.mechanism import Mechanism
-from ngepc.limit.quadratic import QuadraticVelocities
 from ngepc.limit.sliding import SlidingVelocities
 from ngepc.limit.static import AdmissibleStress, Statics
 from ngepc.limit.yielding import YieldShape
@@ -22,8 +23,11 @@ UNBOUNDED = ("DualInfeasible", "AlmostDualInfeasible")
 INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
 """Status of the solver for conditions that contradict each other."""
 
-VELOCITIES = {2: QuadraticVelocities, 3: SlidingVelocities}
-"""Space dimension -> class of velocities."""
+DEGREE = 2
+"""Of velocities in the plane that say where the mesh has to be finer."""
+
+LAST_DEGREE = 3
+"""Of those of the last mesh: three times the unknowns, and about half of the width."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +40,8 @@ class MeshBracket:
         The data on it, and the yield condition.
     stress, mechanism
         Stress and mechanism of the bounds; None if the solver found none.
+    marks
+        Where the mesh has to be finer: the gaps of the first mechanism of the mesh.
     unlimited
         Whether any load factor can be carried.
     unknowns, steps, words
@@ -47,6 +53,7 @@ class MeshBracket:
     shape: YieldShape
     stress: AdmissibleStress | None
     mechanism: Mechanism | None
+    marks: np.ndarray
     unlimited: bool
     unknowns: tuple[int, int]
     steps: tuple[int, int]
@@ -65,45 +72,7 @@ class MeshBracket:
     @property
     def gaps(self) -> np.ndarray:
         """Dissipation minus power of the stress on each cell; all of it without a stress."""
-        cells = self.data.cells
-        if self.mechanism is None:
-            return cells.volume
-        if self.stress is None:
-            return self.mechanism.dissipated
-        N = cells.N
-        stress = self.stress.coordinates
-        strain = self.mechanism.strain
-        at_vertices = np.einsum("tic,tic->t", stress, strain)
-        of_sums = np.einsum("tc,tc->t", stress.sum(axis=1), strain.sum(axis=1))
-        power = cells.volume / ((N + 1) * (N + 2)) * (at_vertices + of_sums)
-        return self.mechanism.dissipated - power + self._slip_gaps()
-
-    def _slip_gaps(self) -> np.ndarray:
-        """The same for slips on facets, half of it for the cell on each side."""
-        cells = self.data.cells
-        if not self.mechanism.slipped.any():
-            return np.zeros(len(cells.nodes))
-        N = cells.N
-        tensors = np.einsum("tic,cpq->tipq", self.stress.coordinates, self.shape.basis)
-        first = cells.sign > 0
-        stress = np.zeros((len(cells.facets), N, N, N))
-        for k, vertices in enumerate(FACETS[N]):
-            own = np.flatnonzero(first[:, k])
-            facets = cells.facet_of[own, k]
-            for m, i in enumerate(vertices):
-                stress[facets, cells.place[own, k, m]] = tensors[own, i]
-        traction = np.einsum("fipq,fq->fip", stress, cells.normal)
-        slips = self.mechanism.slips
-        at_vertices = np.einsum("fip,fip->f", traction, slips)
-        of_sums = np.einsum("fp,fp->f", traction.sum(axis=1), slips.sum(axis=1))
-        power = cells.measure / (N * (N + 1)) * (at_vertices + of_sums)
-        gaps = self.mechanism.slipped + power
-        owners = cells.owners
-        sides = np.where(cells.outer, 1, 2)
-        result = np.bincount(owners[:, 0], gaps / sides, minlength=len(cells.nodes))
-        inside = ~cells.outer
-        second = owners[inside, 1]
-        return result + np.bincount(second, gaps[inside] / 2, minlength=len(result))
+        return gaps_of(self.data, self.shape, self.stress, self.mechanism)
 
 
 def centre_of(statics: Statics) -> np.ndarray | None:
@@ -128,38 +97,140 @@ def carried_centre(
     return np.append(values.ravel(), centre[-1])
 
 
-def bracket_on(
-    data: LimitData, shape: YieldShape, centre: np.ndarray | None
-) -> tuple[MeshBracket, np.ndarray | None]:
-    """Both bounds on a mesh, and the admissible point that the lower one starts from."""
-    statics = Statics(data, shape)
+def gaps_of(
+    data: LimitData,
+    shape: YieldShape,
+    stress: AdmissibleStress | None,
+    mechanism: Mechanism | None,
+) -> np.ndarray:
+    """Dissipation minus power of the stress on each cell; all of it without a stress."""
+    cells = data.cells
+    if mechanism is None:
+        return cells.volume
+    if stress is None:
+        return mechanism.dissipated
+    hats = times_hats(cells.N, mechanism.degree - 1)
+    strain = mechanism.strain
+    mean = np.einsum("tac,aj,tjc->t", strain, hats, stress.coordinates, optimize=True)
+    gaps = mechanism.dissipated - cells.volume * mean
+    return gaps + slip_gaps(data, shape, stress, mechanism)
+
+
+def slip_gaps(
+    data: LimitData, shape: YieldShape, stress: AdmissibleStress, mechanism: Mechanism
+) -> np.ndarray:
+    """The same for slips on facets, half of it for the cell on each side."""
+    cells = data.cells
+    if not mechanism.slipped.any():
+        return np.zeros(len(cells.nodes))
+    N = cells.N
+    tensors = np.einsum("tic,cpq->tipq", stress.coordinates, shape.basis)
+    first = cells.sign > 0
+    values = np.zeros((len(cells.facets), N, N, N))
+    for k, vertices in enumerate(FACETS[N]):
+        own = np.flatnonzero(first[:, k])
+        facets = cells.facet_of[own, k]
+        for m, i in enumerate(vertices):
+            values[facets, cells.place[own, k, m]] = tensors[own, i]
+    traction = np.einsum("fipq,fq->fip", values, cells.normal)
+    slips = mechanism.slips
+    at_vertices = np.einsum("fip,fip->f", traction, slips)
+    of_sums = np.einsum("fp,fp->f", traction.sum(axis=1), slips.sum(axis=1))
+    power = cells.measure / (N * (N + 1)) * (at_vertices + of_sums)
+    gaps = mechanism.slipped + power
+    owners = cells.owners
+    sides = np.where(cells.outer, 1, 2)
+    result = np.bincount(owners[:, 0], gaps / sides, minlength=len(cells.nodes))
+    inside = ~cells.outer
+    second = owners[inside, 1]
+    return result + np.bincount(second, gaps[inside] / 2, minlength=len(result))
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the program of one bound gave.
+
+    Parameters
+    ----------
+    field
+        A stress or a mechanism, None where the solver found none.
+    unknowns, steps, word
+        Of its program: unknowns, interior point steps, how it ended.
+    """
+
+    field: AdmissibleStress | Mechanism | None
+    unknowns: int
+    steps: int
+    word: str
+
+
+def lower_on(statics: Statics, centre: np.ndarray | None, precision: float) -> Found:
+    """The best stress of a mesh, from an admissible ``centre``."""
     program = statics.program(statics.gain())
+    count = len(program.cost)
+    if centre is None:
+        return Found(None, count, 0, "NoStress")
+    found = cone_solution(program, precision)
     stress = None
-    word = "NoStress"
-    steps = 0
+    if np.isfinite(found.x).all() and found.status not in UNBOUNDED:
+        x, _ = statics.admissible(found.x, centre)
+        stress = statics.stress(x)
+    return Found(stress, count, found.steps, found.status)
+
+
+def upper_on(
+    velocities: ContinuousVelocities | SlidingVelocities, precision: float
+) -> Found:
+    """The best mechanism of a mesh."""
+    program = velocities.flow.program()
+    found = cone_solution(program, precision)
+    mechanism = None
+    refused = found.status in (*INFEASIBLE, *UNBOUNDED)
+    if not refused and np.isfinite(found.x).all():
+        mechanism = velocities.mechanism(found.x)
+    return Found(mechanism, len(program.cost), found.steps, found.status)
+
+
+def bracket_on(
+    data: LimitData,
+    shape: YieldShape,
+    centre: np.ndarray | None,
+    precision: float = 1e-8,
+    within: float = 0.0,
+) -> tuple[MeshBracket, np.ndarray | None]:
+    """Both bounds on a mesh, and the admissible point that the lower one starts from.
+
+    ``precision`` is how close the solver comes to the best bounds of the mesh.  In the plane the
+    upper bound takes velocities of a higher degree where the width is at most ``within``.
+    """
+    statics = Statics(data, shape)
     if centre is None:
         centre = centre_of(statics)
-    if centre is not None:
-        found = cone_solution(program)
-        word = found.status
-        steps = found.steps
-        if np.isfinite(found.x).all() and word not in UNBOUNDED:
-            x, _ = statics.admissible(found.x, centre)
-            stress = statics.stress(x)
-    velocities = VELOCITIES[data.cells.N](data, shape)
-    flow = velocities.flow.program()
-    moved = cone_solution(flow)
-    mechanism = None
-    if moved.status not in (*INFEASIBLE, *UNBOUNDED) and np.isfinite(moved.x).all():
-        mechanism = velocities.mechanism(moved.x)
+    below = lower_on(statics, centre, precision)
+    flat = data.cells.N == 2
+    velocities = (
+        ContinuousVelocities(data, shape, DEGREE)
+        if flat
+        else SlidingVelocities(data, shape)
+    )
+    above = upper_on(velocities, precision)
+    marks = gaps_of(data, shape, below.field, above.field)
+    if flat and below.field is not None and above.field is not None:
+        width = above.field.factor - below.field.factor
+        if width <= within * abs(below.field.factor):
+            finest = ContinuousVelocities(data, shape, LAST_DEGREE)
+            best = upper_on(finest, precision)
+            if best.field is not None and best.field.factor < above.field.factor:
+                above = best
     bracket = MeshBracket(
         data,
         shape,
-        stress,
-        mechanism,
-        word in UNBOUNDED,
-        (len(program.cost), len(flow.cost)),
-        (steps, moved.steps),
-        (word, moved.status),
+        below.field,
+        above.field,
+        marks,
+        below.word in UNBOUNDED,
+        (below.unknowns, above.unknowns),
+        (below.steps, above.steps),
+        (below.word, above.word),
     )
     return bracket, centre

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from ngsolve import (
     CF,
@@ -14,12 +16,15 @@ from ngsolve import (
     VectorH1,
 )
 
-from ngepc.bounds.contact import BUBBLE
 from ngepc.geometries.outlines import netgen_mesh
+from ngepc.limit.bernstein import bernstein_values, multi_indices
 from ngepc.limit.data import LimitData
 from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.static import AdmissibleStress
 from ngepc.limit.yielding import YieldShape
+
+ROUNDED = 1e-14
+"""Coefficients of velocities, over the largest, that are rounding and stand for zero."""
 
 
 def mesh_of(data: LimitData, original: Mesh, length: float) -> Mesh:
@@ -81,19 +86,53 @@ def stress_function(
 def velocity_function(
     mesh: Mesh, data: LimitData, mechanism: Mechanism
 ) -> GridFunction:
-    """The velocity of a mechanism, with a largest speed of one."""
-    cells = data.cells
-    values = mechanism.values
-    speed = np.linalg.norm(values, axis=2).max()
-    if cells.N == 3:
-        return discontinuous(mesh, values[cell_order(data)] / speed)
-    result = GridFunction(VectorH1(mesh, order=2))
-    corners = np.empty(cells.points.shape)
-    corners[cells.nodes] = values[:, : cells.N + 1]
-    middles = np.empty((len(cells.facets), cells.N))
-    middles[cells.facet_of] = values[:, cells.N + 1 :]
-    ends = np.array([[v.nr for v in edge.vertices] for edge in mesh.edges])
-    bubbles = middles[cells.facets_between(ends)] - corners[ends].mean(axis=1)
-    whole = np.concatenate([corners, 4 * bubbles / BUBBLE])
-    result.vec.FV().NumPy()[:] = (whole / speed).T.ravel()
+    """The velocity of a mechanism, with a largest speed of one.
+
+    Continuous in the plane, and on each element for itself in space.
+    """
+    N = data.cells.N
+    degree = mechanism.degree
+    values = mechanism.values[cell_order(data)]
+    speed = np.linalg.norm(corner_values(values, degree), axis=2).max()
+    values = values / speed
+    if N == 3:
+        return discontinuous(mesh, corner_values(values, degree))
+    result = GridFunction(VectorH1(mesh, order=degree))
+    result.Set(polynomial(mesh, values, degree))
+    numbers = result.vec.FV().NumPy()
+    numbers[np.abs(numbers) < ROUNDED * np.abs(numbers).max()] = 0.0
+    return result
+
+
+def corner_values(coefficients: np.ndarray, degree: int) -> np.ndarray:
+    """Values at the vertices of each cell from Bernstein coefficients, (nc, N + 1, ...)."""
+    N = coefficients.shape[2]
+    return bernstein_values(degree, np.eye(N + 1)) @ coefficients
+
+
+def polynomial(mesh: Mesh, values: np.ndarray, degree: int) -> CoefficientFunction:
+    """The vector with these Bernstein coefficients (elements, n, N) on each element."""
+    hats = discontinuous_hats(mesh)
+    components = [CF(0.0)] * mesh.dim
+    for place, powers in enumerate(multi_indices(mesh.dim, degree)):
+        factor = math.factorial(degree)
+        term = CF(1.0)
+        for hat, power in zip(hats, powers, strict=True):
+            factor /= math.factorial(power)
+            for _ in range(power):
+                term = term * hat
+        for p in range(mesh.dim):
+            own = on_elements(mesh, factor * values[:, place, p])
+            components[p] = components[p] + own * term
+    return CF(tuple(components))
+
+
+def discontinuous_hats(mesh: Mesh) -> list[GridFunction]:
+    """The barycentric coordinates of the elements."""
+    space = Discontinuous(H1(mesh, order=1))
+    result = []
+    for vertex in np.eye(mesh.dim + 1):
+        hat = GridFunction(space)
+        hat.vec.FV().NumPy()[:] = np.tile(vertex, mesh.ne)
+        result.append(hat)
     return result

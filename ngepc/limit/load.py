@@ -35,14 +35,27 @@ log = logging.getLogger(__name__)
 MARKING = 0.5
 """Share of the gap in the cells that are cut."""
 
-AIM = 0.97
+ENOUGH = 0.8
+"""Largest share of the gap that is cut in the last step to the tolerance."""
+
+AIM = 0.9
 """The last mesh aims at this part of the tolerance."""
 
-EXPECTED = 0.6
+EXPECTED = 0.7
 """Expected decrease of the gap in cells that are cut, as a part."""
 
 MAX_CELLS = 10_000
 """No mesh has more cells unless the user says so."""
+
+FINISHED = 1.5
+"""Width over the one asked for at which velocities of the last degree are worth their costs."""
+
+LEAST = 0.25
+"""Smallest share of the gap in the cells that are cut."""
+
+PRECISE = 1e-3
+COARSEST = 1e-5
+"""Precision of programs over the relative width that is asked for, and the largest one."""
 
 NOTHING = 1e-6
 """A smaller ratio of the bounds shows loads that contradict each other at corners of a solid."""
@@ -189,7 +202,8 @@ class LimitLoad:
     def indicators(self) -> GridFunction:
         """Dissipation minus power of the stress over that of the loads, one for each element.
 
-        None is negative; together with the terms on obstacles they add up to the width.
+        None is negative; together with the terms on obstacles they add up to the relative width of
+        the bounds of this mesh.
         """
         gaps = self.last.gaps[cell_order(self.last.data)]
         return on_elements(self.mesh, gaps / abs(self.last.lower))
@@ -288,7 +302,10 @@ class Search:
         """Solve, and cut cells, until the bracket is as narrow as asked."""
         self.asked = asked
         while True:
-            self.last, self.centre = bracket_on(self.data, self.shape, self.centre)
+            precision = min(COARSEST, PRECISE * asked)
+            self.last, self.centre = bracket_on(
+                self.data, self.shape, self.centre, precision, FINISHED * asked
+            )
             record = self.record()
             try:
                 if monitor is not None:
@@ -323,8 +340,10 @@ class Search:
         width = width_of(self.lower, self.upper)
         share = MARKING
         if math.isfinite(width):
-            share = min(share, (1 - AIM * self.asked / width) / EXPECTED)
-        chosen = marked(last.gaps, share)
+            aim = AIM * self.asked * (FINISHED if cells.N == 2 else 1.0)
+            share = (1 - aim / width) / EXPECTED
+            share = MARKING if share > ENOUGH else max(LEAST, share)
+        chosen = marked(last.marks, share)
         if cells.N == 2:
             flow = last.mechanism
             dissipated = last.gaps if flow is None else flow.dissipated

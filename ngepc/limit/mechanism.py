@@ -17,10 +17,11 @@ class Mechanism:
     Parameters
     ----------
     values
-        Velocities at the nodes of each cell, (nc, nodes, N): its vertices, in the plane then the
-        middles of the edges opposite to them.
+        Bernstein coefficients of the velocity on each cell, (nc, n, N).
+    degree
+        Of these polynomials; strain rates have one less.
     strain
-        Coordinates of the strain rate at the vertices of each cell, (nc, N + 1, s).
+        Bernstein coefficients of the strain rate's coordinates on each cell, (nc, m, s).
     dissipated
         What each cell dissipates.
     slips
@@ -33,6 +34,7 @@ class Mechanism:
     """
 
     values: np.ndarray
+    degree: int
     strain: np.ndarray
     dissipated: np.ndarray
     slips: np.ndarray

@@ -26,6 +26,7 @@ COVERS = BASIC_FEATURES | {
     "hardening law",
     "held by contact",
     "order 2",
+    "plane stress",
     "rollers",
 }
 """Features of a problem that limit loads cover; hardening is neglected."""

@@ -3,22 +3,29 @@
 Normal components are continuous, tangential ones may jump: a slip s dissipates beta |s| / 2^(1/2),
 with the smaller beta of both sides, also beside a support.  Unknowns are the normal components at
 the vertices of facets: those of the N facets around a vertex of a cell are its velocity there.
-Strain rates are constant on cells, and slips affine on facets: the mean of |s| at the vertices is
-nowhere below that on the facet.
+Strain rates are constant on cells, and slips affine on facets: the mean of |s| at the vertices of
+the parts of a facet is nowhere below that on the facet.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags, vstack
+from scipy.sparse import csr_matrix, diags, eye, kron, vstack
 
 from ngepc.bounds.simplices import FACETS
+from ngepc.limit.bernstein import chains, parts_of
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
 from ngepc.limit.mechanism import ENCLOSED, Mechanism
 from ngepc.limit.reading import completed_frame
 from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import SLIP, YieldShape
+
+CUTS = 8
+"""Into how many parts edges are cut to integrate the dissipation of slips."""
+
+INSIDE = {2: np.array([[0.79, 0.21], [0.21, 0.79]]), 3: (1 + 3 * np.eye(3)) / 6}
+"""Points of a facet where the program measures slips, see ``sampling``."""
 
 ALONG = 1e-9
 """Part of a unit vector below which it counts as zero."""
@@ -49,11 +56,13 @@ class SlidingVelocities:
             np.where(given, fluxes, 0),
         )
         self.strain = self._strain()
+        self.slips, friction = self._slips()
+        self.rubbing = [friction] if len(friction.weights) else []
         self.flow = Flow(
             none=self._none(),
             push=self._push(),
             power=(self._power(GROWS), self._power(STAYS)),
-            parts=[part for part in self._parts() if len(part.weights)],
+            parts=self._parts(),
             moves=data.moves,
         )
 
@@ -186,10 +195,21 @@ class SlidingVelocities:
             shape.capped,
             data.bound * cells.volume / size,
         )
-        return [strained, *self._slips()]
+        return [strained, self._sampled(), *self.rubbing]
 
-    def _slips(self) -> list[DissipatedPart]:
-        """Slips inside and at supports, then along obstacles."""
+    def _sampled(self) -> DissipatedPart:
+        """Slips at points inside facets."""
+        slips = self.slips
+        N = self.data.cells.N
+        rule = kron(INSIDE[N], np.eye(N - 1))
+        at_points = csr_matrix(kron(eye(len(slips.weights) // N), rule))
+        vectors = slips.vectors
+        rows = csr_matrix(at_points @ vectors.rows)
+        offset = at_points @ vectors.offset
+        return DissipatedPart(AffineRows(rows, offset), slips.size, slips.weights)
+
+    def _slips(self) -> tuple[DissipatedPart, DissipatedPart]:
+        """Slips at the vertices of facets, inside and at supports, then along obstacles."""
         data = self.data
         cells = data.cells
         N = cells.N
@@ -198,13 +218,13 @@ class SlidingVelocities:
         inside = ~cells.outer
         bound[inside] = np.minimum(bound, data.bound[cells.owners[:, 1]])[inside]
         held = np.where(inside[:, None, None], tangents, self._held_part(tangents))
-        slips = inside | (data.held > 0)
+        self.slides = np.abs(held).max(axis=(1, 2)) > ALONG
         weights = cells.measure[:, None] / N * (SLIP * bound)[:, None] * np.ones(N)
         mass = (np.ones((N, N)) + np.eye(N)) / (N * (N + 1))
         rubbed = cells.measure[:, None] * np.einsum("ij,fj->fi", mass, data.friction)
         result = []
         for vectors, cost, chosen in (
-            (held, weights, np.repeat(slips[:, None], N, axis=1)),
+            (held, weights, np.repeat(self.slides[:, None], N, axis=1)),
             (tangents, rubbed, data.contact[:, None] & (rubbed > 0)),
         ):
             speeds = np.einsum("frp,fip->fir", vectors, data.motion).ravel()
@@ -212,7 +232,7 @@ class SlidingVelocities:
             found = self._applied(self._at_facets(vectors, both=True)[rows])
             part = AffineRows(found.rows, found.offset - speeds[rows])
             result.append(DissipatedPart(part, N - 1, cost[chosen]))
-        return result
+        return tuple(result)
 
     def mechanism(self, solution: np.ndarray) -> Mechanism:
         """The admissible mechanism nearest to a solution, with its dissipation enclosed."""
@@ -221,30 +241,35 @@ class SlidingVelocities:
         N = cells.N
         y, left = self.flow.admissible(solution)
         unsure = ENCLOSED * left
-        sizes = [part.lengths(y) for part in self.flow.parts]
-        total = 0.0
-        for part, size in zip(self.flow.parts, sizes, strict=True):
+        slips = self.slips.vectors.at(y).reshape(-1, N, N - 1)
+        costs = self.slips.weights.reshape(-1, N).sum(axis=1)
+        slipped = np.zeros(len(cells.facets))
+        parts = np.linalg.norm(parts_of(N - 1, 1, CUTS) @ slips, axis=2)
+        slipped[self.slides] = costs * parts.mean(axis=1)
+        total = float(slipped.sum())
+        strained = self.flow.parts[0]
+        for part in (strained, *self.rubbing):
+            total += float(part.weights @ part.lengths(y))
+        for part in (strained, self.slips, *self.rubbing):
             extra = abs(part.vectors.rows) @ unsure
             extra = np.linalg.norm(extra.reshape(-1, part.size), axis=1)
-            total += float(part.weights @ (size + extra))
+            total += float(part.weights @ extra)
         grows = self.flow.power[GROWS]
         power = 1.0
         if not data.moves:
             power = float(grows.at(y)[0] - (abs(grows.rows) @ unsure)[0])
         factor = (total - float(self.flow.power[STAYS].at(y)[0])) / power
-        values = self.velocity.at(y).reshape(-1, N + 1, N) / power
+        values = self.velocity.at(y).reshape(-1, N + 1, N)
+        values = values[:, chains(N, 1)[:, 0]] / power
         strain = self._applied(self.strain).at(y).reshape(len(cells.nodes), -1)
         strain = strain / (cells.volume ** (1 / N))[:, None] / power
         dissipated = data.bound * cells.volume
         dissipated *= np.linalg.norm(strain[:, self.shape.free :], axis=1)
-        strain = np.repeat(strain[:, None], N + 1, axis=1)
-        dissipated_by_slips = self.flow.parts[1].weights * sizes[1]
-        slides = ~cells.outer | (data.held > 0)
-        slipped = np.zeros(len(cells.facets))
-        slipped[slides] = dissipated_by_slips.reshape(-1, N).sum(axis=1) / power
+        strain = strain[:, None]
+        slipped /= power
         axes = np.tile(np.eye(N), (len(cells.facets), 1, 1))
         jumps = self._applied(self._at_facets(axes, both=True)).at(y)
         jumps = jumps.reshape(len(cells.facets), N, N) - data.motion
         jumps[cells.outer] = self._held_part(jumps)[cells.outer]
         jumps /= power
-        return Mechanism(values, strain, dissipated, jumps, slipped, factor)
+        return Mechanism(values, 1, strain, dissipated, jumps, slipped, factor)

@@ -7,7 +7,8 @@ The first ``free`` coordinates do not enter the yield condition, so that
     flow has e_c = 0 for c < free and dissipates beta |(e_free, e_free+1, ...)|.
 
 Plane strain leaves sigma_zz free: the best one is (sigma_xx + sigma_yy) / 2, and |dev sigma| is
-that of the deviator in the plane, as in the law of two dimensions.
+that of the deviator in the plane, as in the law of two dimensions.  Plane stress leaves none free:
+the deviator of sigma = m I has the size (2/3)^(1/2) |m|, and changes of thickness dissipate.
 """
 
 from __future__ import annotations
@@ -59,8 +60,21 @@ def _with_mean(deviators: np.ndarray) -> np.ndarray:
     return np.concatenate([np.eye(deviators.shape[1])[None], deviators])
 
 
+def _thin() -> np.ndarray:
+    """The unit matrix, so that its stress has a deviator of size one, and orthonormal deviators."""
+    basis = _with_mean(TWO_DIMENSIONAL.basis)
+    basis[0] *= math.sqrt(3 / 2)
+    return basis
+
+
 FLAT = YieldShape(_with_mean(TWO_DIMENSIONAL.basis), 1)
+THIN = YieldShape(_thin(), 0)
 ROUND = YieldShape(_with_mean(SOLID.basis), 1)
 
-SHAPES = {"plane strain": FLAT, "two-dimensional": FLAT, "solid": ROUND}
+SHAPES = {
+    "plane strain": FLAT,
+    "two-dimensional": FLAT,
+    "plane stress": THIN,
+    "solid": ROUND,
+}
 """Name of a kinematics -> its yield condition."""

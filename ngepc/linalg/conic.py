@@ -63,15 +63,19 @@ class ConeSolution:
         return self.status in SOLVED
 
 
-def cone_solution(program: ConeProgram, tolerance: float = 1e-8) -> ConeSolution:
+def cone_solution(
+    program: ConeProgram, gap: float = 1e-8, tolerance: float = 1e-8
+) -> ConeSolution:
     """Solve a conic program by Clarabel on one thread.
 
     Parameters
     ----------
     program
         The program.
+    gap
+        Between the program and its dual, relative.
     tolerance
-        Of the residuals and of the gap between the program and its dual, relative.
+        Of the residuals, relative.
 
     Raises
     ------
@@ -96,8 +100,8 @@ def cone_solution(program: ConeProgram, tolerance: float = 1e-8) -> ConeSolution
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    settings.tol_gap_abs = tolerance
-    settings.tol_gap_rel = tolerance
+    settings.tol_gap_abs = gap
+    settings.tol_gap_rel = gap
     settings.tol_feas = tolerance
     n = len(program.cost)
     solver = clarabel.DefaultSolver(

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
 
 import ngepc.pictures.style as style
+from ngepc.bounds.simplices import FACETS
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
+from ngepc.limit.fields import corner_values
 from ngepc.limit.load import LimitLoad
+from ngepc.pictures.stills import draw_solid, solid_image
 from ngepc.pictures.style import COLOURS, Picture, styled
 
 MOVED = 0.05
@@ -20,21 +25,19 @@ DARKEST = 0.7
 """Part of the dissipation that is drawn in shades; the rest has the darkest one."""
 
 
-def require_plane(limit: LimitLoad) -> None:
-    """Accept the limit load of a body in the plane with a mechanism."""
+def require_mechanism(limit: LimitLoad) -> None:
+    """Accept a limit load with a mechanism."""
     require_instance("limit", limit, LimitLoad, "the result of limit_load")
-    if limit.problem.N != 2:
-        raise ValueError(
-            "limit has a solid: pictures of mechanisms are for bodies in the plane, "
-            "export limit.mechanism by ngsolve.VTKOutput"
-        )
     if limit.last.mechanism is None:
         raise ValueError(f"limit has no mechanism: {limit.status.value}")
 
 
 @styled
 def plot_mechanism(limit: LimitLoad, *, axes: Axes | None = None) -> Figure:
-    """Draw the collapse of a plane body: moved along the mechanism, dark where it dissipates.
+    """Draw the collapse of a body: moved along the mechanism, dark where it dissipates.
+
+    In a solid, slips on the faces of elements count as dissipation of the elements; its picture
+    needs pyvista, the extra ``stills``.
 
     Parameters
     ----------
@@ -51,37 +54,73 @@ def plot_mechanism(limit: LimitLoad, *, axes: Axes | None = None) -> Figure:
     Raises
     ------
     TypeError, ValueError
-        For another object, a solid, or a result without a mechanism.
+        For another object, or a result without a mechanism.
+    ImportError
+        If pyvista is needed and not installed.
     """
-    require_plane(limit)
+    require_mechanism(limit)
     axes = axes_or_new(axes, (6.0, 4.2))
+    density, top = shades(limit)
+    if limit.problem.N == 3:
+        draw_solid(axes, moved_solid(limit, density, top), None)
+    else:
+        draw_plane(axes, limit, density, top)
+    axes.set_title(f"load factor between {limit.lower:.5g} and {limit.upper:.5g}")
+    return axes.figure
+
+
+def shades(limit: LimitLoad) -> tuple[np.ndarray, float]:
+    """Dissipation over strength for each element, and the value that is drawn as dark as can be."""
     data = limit.last.data
     cells = data.cells
     mechanism = limit.last.mechanism
-    corners = mechanism.values[:, :3]
-    velocity = np.empty(cells.points.shape)
-    velocity[cells.nodes] = corners
-    velocity *= MOVED / np.linalg.norm(velocity, axis=1).max()
-    length = limit.length
-    moved = length * (cells.points + velocity)
-    density = mechanism.dissipated / (data.bound * cells.volume)
+    sides = np.where(cells.outer, 1, 2)
+    slipped = (mechanism.slipped / sides)[cells.facet_of].sum(axis=1)
+    dissipated = mechanism.dissipated + slipped
+    density = dissipated / (data.bound * cells.volume)
     order = np.argsort(density)
-    share = np.cumsum(mechanism.dissipated[order])
+    share = np.cumsum(dissipated[order])
     top = density[order][np.searchsorted(share, DARKEST * share[-1])]
+    return density, float(top) or 1.0
+
+
+def moved_corners(limit: LimitLoad) -> np.ndarray:
+    """The vertices of each element after the motion that is drawn, (nc, N + 1, N)."""
+    cells = limit.last.data.cells
+    mechanism = limit.last.mechanism
+    velocity = corner_values(mechanism.values, mechanism.degree)
+    velocity = velocity * MOVED / np.linalg.norm(velocity, axis=2).max()
+    return limit.length * (cells.points[cells.nodes] + velocity)
+
+
+def moved_solid(limit: LimitLoad, density: np.ndarray, top: float) -> np.ndarray:
+    """The outer faces of a solid in shades of its dissipation, as an image."""
+    cells = limit.last.data.cells
+    corners = moved_corners(limit)
+    owner, k = np.nonzero(cells.outer[cells.facet_of])
+    faces = corners[owner[:, None], np.array(FACETS[3])[k]]
+    values = np.repeat(density[owner, None], 3, axis=1)
+    colours = ScalarMappable(Normalize(0.0, top), "Greys")
+    return solid_image(faces, values, colours)
+
+
+def draw_plane(axes: Axes, limit: LimitLoad, density: np.ndarray, top: float) -> None:
+    """Triangles in shades of their dissipation, the outlines before and after the motion."""
+    cells = limit.last.data.cells
+    moved = np.empty(cells.points.shape)
+    moved[cells.nodes] = moved_corners(limit)
     mesh = Triangulation(*moved.T, cells.nodes)
-    colours = {"cmap": "Greys", "vmin": 0.0, "vmax": top or 1.0}
+    colours = {"cmap": "Greys", "vmin": 0.0, "vmax": top}
     axes.tripcolor(mesh, facecolors=density, edgecolors="none", **colours)
     ends = cells.facets[cells.outer]
     for points, colour in (
-        (length * cells.points, style.OUTLINE),
+        (limit.length * cells.points, style.OUTLINE),
         (moved, style.DEFORMED),
     ):
         for a, b in points[ends]:
             axes.plot(*np.transpose([a, b]), color=colour, linewidth=0.8)
     axes.set(xlabel="x", ylabel="y", aspect="equal")
-    axes.set_title(f"load factor between {limit.lower:.5g} and {limit.upper:.5g}")
     axes.grid(False)
-    return axes.figure
 
 
 @styled

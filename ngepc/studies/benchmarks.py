@@ -68,6 +68,7 @@ BENCHMARKS = {
     "vertical cut": Benchmark(limits.cut_height, "Kammoun et al. 2010", ""),
     "Prandtl's strip": Benchmark(limits.strip_pressure, "2 + pi", ""),
     "SSNV124": Benchmark(limits.square_traction, "Code_Aster V6.04.124", ""),
+    "sheet with a hole": Benchmark(limits.sheet_traction, "Gaydon and McCrum 1954", ""),
     "step-42": Benchmark(contact.step42, "deal.II, documentation of step-42"),
     "NAFEMS R94": Benchmark(
         contact.r94, "Konter 2005; Code_Aster SSNP154", view=(20.0, 2000.0)

@@ -2,15 +2,18 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 from ngepc.geometries import block
 from ngepc.geometries.published import (
+    eighth_under_punch,
     ground_under_strip,
-    quarter_under_punch,
+    quarter_sheet,
     vertical_cut,
 )
 from ngepc.limit.load import LimitLoad, limit_load
 from ngepc.model.material import Material
+from ngepc.model.places import Roller
 from ngepc.model.problem import Problem
 from ngepc.studies.solid_problems import Quantity, Solved
 
@@ -44,21 +47,36 @@ def strip_problem() -> Problem:
     return Problem(mesh, CLAY, "held", prescribed=supports, pressure=loads)
 
 
-def square_problem(side: float = 0.0) -> Problem:
-    """SSNV124: a square in plane strain that yields at 10, with a traction that stays on a side."""
+def square_problem(side: float = 0.0, top: float = 1.0) -> Problem:
+    """SSNV124: a square in plane strain that yields at 10, with a traction that stays on a side.
+
+    ``top`` is the traction that grows.
+    """
     mesh = block.structured_mesh(2, 2, simplices=True)
     supports = {"clamped": (None, 0), "left": (0, None)}
-    loads = {"contact": (0, 1.0), "right": (side, 0.0)}
+    loads = {"contact": (0, top), "right": (side, 0.0)}
     steel = strong(10 * math.sqrt(2 / 3))
     return Problem(mesh, steel, None, prescribed=supports, traction=loads)
 
 
+def sheet_problem() -> Problem:
+    """A square sheet in plane stress with a hole, a quarter of it, pulled on two sides.
+
+    The hole has a fifth of its width; the yield stress is one.
+    """
+    steel = strong(math.sqrt(2 / 3))
+    supports = {"bottom": (None, 0), "left": (0, None)}
+    given = {"prescribed": supports, "traction": {"right": (1, 0)}}
+    mesh = quarter_sheet(5.0, 1.0, 0.7)
+    return Problem(mesh, steel, None, kinematics="plane stress", **given)
+
+
 def punch_problem(rough: bool = False) -> Problem:
-    """A rigid square punch on a block of clay that lies on rough ground, a quarter of it."""
+    """A rigid square punch on a block of clay that lies on rough ground, an eighth of it."""
     half, depth, boxes = PUNCH
-    mesh = quarter_under_punch(half, depth, 1.0, boxes)
+    mesh = eighth_under_punch(half, depth, 1.0, boxes)
     down = (0, 0, -1) if rough else (None, None, -1)
-    supports = {"left": (0, None, None), "front": (None, 0, None), "punch": down}
+    supports = {"front": (None, 0, None), "diagonal": Roller(), "punch": down}
     return Problem(mesh, CLAY, "bottom", prescribed=supports)
 
 
@@ -66,7 +84,9 @@ LIMITS: dict[str, Callable[[], Problem]] = {
     "cut": cut_problem,
     "strip": strip_problem,
     "square": square_problem,
+    "sheet": sheet_problem,
     "punch": punch_problem,
+    "rough-punch": partial(punch_problem, rough=True),
 }
 """Problems of ``ngepc limit``."""
 
@@ -99,11 +119,20 @@ def strip_pressure() -> Solved:
 def square_traction() -> Solved:
     """A square in plane strain that is pulled, without a load that stays and with one.
 
-    The second row has a traction of 3 on the other side, which adds 3: one field of stress.
+    0.2 on the other side has -0.25 times the power of 0.8 on the first one: the published case.
     """
     found = []
-    for side in (0.0, 3.0):
-        load = limit_load(square_problem(side), 1e-3, ["contact"])
-        exact = 20 / math.sqrt(3) + side
-        found += both_bounds(f"traction, {side:g} aside", load, exact, "C")
+    for side, top in ((0.0, 1.0), (0.2, 0.8)):
+        load = limit_load(square_problem(side, top), 1e-3, ["contact"])
+        exact = (20 / math.sqrt(3) + side) / top
+        found += both_bounds(f"traction, {side:g} aside", load, exact, "P")
     return None, found
+
+
+def sheet_traction() -> Solved:
+    """A sheet in plane stress with a hole of a fifth of its width: 1 - R / L.
+
+    Gaydon, McCrum, J. Mech. Phys. Solids 2 (1954).
+    """
+    load = limit_load(sheet_problem())
+    return None, both_bounds("traction", load, 0.8, "P")

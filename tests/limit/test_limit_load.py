@@ -42,6 +42,7 @@ from ngepc.geometries import block
 from ngepc.limit.bracket import bracket_on
 from ngepc.limit.reading import growing_names, limit_data
 from ngepc.limit.yielding import SHAPES
+from ngepc.studies.limit_problems import sheet_problem
 
 CLAY = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=math.sqrt(2), hardening=1.0
@@ -84,7 +85,7 @@ def square(**given):
 
 @pytest.fixture(scope="module")
 def cut():
-    return limit_load(vertical_cut(), 0.02)
+    return limit_load(vertical_cut(), 0.04)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +96,7 @@ def punch():
 def test_vertical_cut(cut):
     """Kammoun, Pastor, Smaoui, Pastor, IJNAMG 34 (2010): [3.7752, 3.7776]."""
     assert cut.status is LimitStatus.REACHED
-    assert cut.relative_width <= 0.02
+    assert cut.relative_width <= 0.04
     assert cut.lower <= 3.7776
     assert cut.upper >= 3.7752
     assert "Hardening does not count" in cut.message
@@ -109,15 +110,15 @@ def test_prandtl(punch):
 
 def test_a_rigid_punch_is_the_force_of_its_support():
     """Half of it on a smooth strip of half width one: again 2 + pi."""
-    found = limit_load(strip(prescribed={"load": (None, -1)}), 0.03)
+    found = limit_load(strip(prescribed={"load": (None, -1)}), 0.1)
     assert found.growing == ("load",)
     assert found.lower <= 2 + math.pi <= found.upper
 
 
 def test_units_do_not_matter():
     """Forces, lengths: the factor is that of the problem as it is given."""
-    one = limit_load(strip(pressure={"load": 1}), 0.1)
-    thousand = limit_load(strip(pressure={"load": 1000.0}), 0.1)
+    one = limit_load(strip(pressure={"load": 1}), 0.2)
+    thousand = limit_load(strip(pressure={"load": 1000.0}), 0.2)
     assert 1000 * thousand.lower == pytest.approx(one.lower, rel=1e-9)
     assert 1000 * thousand.upper == pytest.approx(one.upper, rel=1e-9)
 
@@ -129,6 +130,40 @@ def test_square_with_a_load_that_stays(side):
     found = limit_load(square(traction=loads), 1e-3, growing=["contact"])
     assert found.lower == pytest.approx(20 / math.sqrt(3) + side, rel=1e-6)
     assert found.upper == pytest.approx(20 / math.sqrt(3) + side, rel=1e-6)
+
+
+def test_square_of_the_published_collection():
+    """SSNV124 with a load that stays: 14.6837, where its power is -0.25.
+
+    The published limit and that power are those of 0.8 on one side, which grows, and 0.2 on the
+    other: 0.8 x - 0.2 = 20 / 3^(1/2).
+    """
+    loads = {"contact": (0, 0.8), "right": (0.2, 0)}
+    found = limit_load(square(traction=loads), 1e-3, growing=["contact"])
+    assert found.lower == pytest.approx(14.6837, rel=1e-5)
+    assert found.upper == pytest.approx(25 / math.sqrt(3) + 0.25, rel=1e-6)
+    power = Integrate(
+        CF((0.2, 0)) * found.mechanism * ds("right"), found.mesh
+    ) / Integrate(0.8 * found.mechanism[1] * ds("contact"), found.mesh)
+    assert power == pytest.approx(-0.25, rel=1e-4)
+
+
+@pytest.mark.parametrize("side", [0.0, 0.5])
+def test_thin_sheet(side):
+    """Plane stress: x^2 - x y + y^2 = sigma_y^2."""
+    loads = {"contact": (0, 1.0)} | ({"right": (side, 0)} if side else {})
+    found = limit_load(square(traction=loads, kinematics="plane stress"), 1e-3)
+    exact = 10 / math.sqrt(1 - side + side**2)
+    assert found.lower == pytest.approx(exact, rel=1e-6)
+    assert found.upper == pytest.approx(exact, rel=1e-6)
+
+
+def test_thin_sheet_with_a_hole():
+    """Gaydon, McCrum, J. Mech. Phys. Solids 2 (1954): 1 - R / L of the yield stress."""
+    found = limit_load(sheet_problem(), 0.05)
+    assert found.lower <= 0.8 * (1 + 2e-3)  # the hole is a polygon
+    assert found.upper >= 0.8
+    assert found.relative_width <= 0.05
 
 
 def weak_residual(result, load, names):
@@ -220,11 +255,11 @@ def test_friction_drags_at_most_its_bound():
     clay = replace(CLAY, yield_stress=bound)
     given = {"contact": "clamped|contact", "gap": 0.0, "friction": 0.25}
     given |= {"prescribed": {"right": (0, 0)}, "traction": {"left": (-1, 0)}}
-    found = limit_load(Problem(mesh, clay, None, **given), 0.01)
+    found = limit_load(Problem(mesh, clay, None, **given), 0.03)
     assert found.upper >= 2 * 0.25 * 0.875
     assert found.lower <= 2 * 0.25 + 0.01
-    assert found.relative_width <= 0.01
-    smooth = limit_load(Problem(mesh, clay, None, **given | {"friction": 0.0}), 0.05)
+    assert found.relative_width <= 0.03
+    smooth = limit_load(Problem(mesh, clay, None, **given | {"friction": 0.0}), 0.5)
     assert smooth.upper < 0.05
 
 
@@ -328,7 +363,9 @@ def test_both_sides_are_admissible_in_space():
     assert np.abs(np.asarray(divergence(points))).max() < 1e-12
     values = np.array(found.indicators.vec)
     assert values.min() > -1e-10
-    assert values.sum() == pytest.approx(found.relative_width, rel=1e-9)
+    last = found.last
+    width = (last.upper - last.lower) / last.lower
+    assert values.sum() == pytest.approx(width, rel=1e-9)
 
 
 REFUSED = {

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ngepc import limit_load, plot_bracket, plot_mechanism
+from ngepc.pictures.collapse import moved_corners, shades
 from ngepc.studies.limit_problems import cut_problem, punch_problem
 
 
@@ -30,9 +31,22 @@ def test_the_bracket_closes(cut):
     assert (exact[0] <= upper).all()
 
 
-def test_what_cannot_be_drawn_is_refused():
+def test_a_solid_goes_down_under_its_punch():
+    """What is drawn moves with the velocity, and is dark where it dissipates."""
     solid = limit_load(punch_problem(), 1.0)
-    with pytest.raises(ValueError, match="limit has a solid"):
-        plot_mechanism(solid)
+    cells = solid.last.data.cells
+    moved = moved_corners(solid) - solid.length * cells.points[cells.nodes]
+    top = cells.points[cells.nodes][:, :, 2] > -1e-9
+    pressed = top & (cells.points[cells.nodes][:, :, 0] < 0.66)
+    assert (moved[pressed][:, 2] < 0).all()
+    density, darkest = shades(solid)
+    assert 0 < darkest <= density.max()
+    image = plot_mechanism(solid).axes[0].images[0].get_array()
+    assert np.ptp(image[..., :3].min(axis=2)) > 100
+
+
+def test_what_cannot_be_drawn_is_refused():
     with pytest.raises(TypeError, match="limit=3: the result of limit_load"):
         plot_bracket(3)
+    with pytest.raises(TypeError, match="limit=3: the result of limit_load"):
+        plot_mechanism(3)

@@ -1,0 +1,82 @@
+"""Polynomials on simplices by their Bernstein coefficients.
+
+With barycentric coordinates l and multi-indices a of sum k the polynomials of degree k are
+sum_a c_a B_a, B_a = k! / a! l^a.  The B_a are not negative and add up to one: |sum_a c_a B_a| is
+nowhere above sum_a |c_a| B_a, and a polynomial with coefficients <= 0 is <= 0.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from itertools import product
+
+import numpy as np
+
+
+@cache
+def multi_indices(N: int, degree: int) -> np.ndarray:
+    """The multi-indices with this sum for simplices with N + 1 vertices, (n, N + 1)."""
+    parts = product(range(degree + 1), repeat=N + 1)
+    return np.array([part for part in parts if sum(part) == degree])
+
+
+@cache
+def chains(N: int, degree: int) -> np.ndarray:
+    """Each multi-index as a list of local vertices, as often as it says, (n, degree)."""
+    numbers = np.arange(N + 1)
+    return np.array([np.repeat(numbers, a) for a in multi_indices(N, degree)])
+
+
+@cache
+def raised(N: int, degree: int) -> np.ndarray:
+    """The place of a + e_i among the multi-indices of one degree more, (n, N + 1)."""
+    above = {tuple(a): place for place, a in enumerate(multi_indices(N, degree + 1))}
+    steps = np.eye(N + 1, dtype=int)
+    below = multi_indices(N, degree)
+    return np.array([[above[tuple(a + step)] for step in steps] for a in below])
+
+
+def bernstein_values(degree: int, points: np.ndarray) -> np.ndarray:
+    """The polynomials B_a at barycentric points (m, N + 1), shape (m, n)."""
+    indices = multi_indices(points.shape[1] - 1, degree)
+    factorials = np.array([math.factorial(j) for j in range(degree + 1)])
+    weights = math.factorial(degree) / factorials[indices].prod(axis=1)
+    return weights * (points[:, None] ** indices).prod(axis=2)
+
+
+def integral(N: int, degree: int) -> float:
+    """The integral of each B_a over the volume of the simplex."""
+    return 1 / math.comb(degree + N, N)
+
+
+@cache
+def times_hats(N: int, degree: int) -> np.ndarray:
+    """Integrals of B_a l_j over the volume of the simplex, (n, N + 1)."""
+    shares = (multi_indices(N, degree) + 1) / (degree + 1)
+    return shares * integral(N, degree + 1)
+
+
+@cache
+def parts_of(N: int, degree: int, cuts: int) -> np.ndarray:
+    """Coefficients of a polynomial on the parts of a simplex from those on all of it, (m, n).
+
+    Each edge is cut into so many equal ones; the parts have the same volume, so that the mean of
+    these coefficients is the mean of the polynomial.
+    """
+    nodes = multi_indices(N, degree) / max(degree, 1)
+    to_coefficients = np.linalg.inv(bernstein_values(degree, nodes))
+    parts = []
+    for corners in _parts(N, cuts):
+        own = bernstein_values(degree, nodes @ corners)
+        parts.append(to_coefficients @ own)
+    return np.concatenate(parts)
+
+
+def _parts(N: int, cuts: int) -> list[np.ndarray]:
+    """Barycentric corners of the equal triangles, or intervals, in a triangle, or interval."""
+    steps = np.eye(N + 1)
+    result = [(a + steps) / cuts for a in multi_indices(N, cuts - 1)]
+    if N == 1 or cuts == 1:
+        return result
+    return result + [(a + 1 - steps) / cuts for a in multi_indices(2, cuts - 2)]
