@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from campaigns.random_limits import problem
 
+from ngepc.limit.bisection import split_corners
 from ngepc.limit.bracket import bracket_on
 from ngepc.limit.reading import growing_names, limit_data
 from ngepc.limit.yielding import SHAPES
@@ -13,7 +14,7 @@ from ngepc.studies.work import Work
 
 @dataclass(eq=False)
 class Limits(Work):
-    """Brackets of random bodies on their first meshes, velocities of the last degree."""
+    """Brackets of random bodies on one mesh, with corners cut and velocities of degree three."""
 
     count: int = 200
     seed: int = 0
@@ -29,6 +30,7 @@ class Limits(Work):
     def solve(self, number):
         body, growing = problem(number)
         data, _ = limit_data(body, growing_names(body, growing)).without_units()
+        data = data.on(*split_corners(data))
         found, _ = bracket_on(data, SHAPES["plane strain"], None, within=math.inf)
         numbers = {"lower": found.lower, "upper": found.upper}
         return {**numbers, "elements": body.mesh.ne, "words": "/".join(found.words)}
