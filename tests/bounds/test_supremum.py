@@ -1,0 +1,46 @@
+"""The largest value along an arc: derivatives against differences, never below any sample."""
+
+import numpy as np
+import pytest
+
+from ngepc.bounds.supremum import Arc
+
+
+@pytest.fixture
+def arc():
+    """Many arcs of different lengths, bent up or down."""
+    random = np.random.default_rng(3)
+    n = 300
+    v = random.uniform(0.2, 3.0, n)
+    least = v * random.uniform(0.0, 0.95, n)  # beta is not negative
+    return Arc(
+        v,
+        least - random.uniform(0.0, 1.0, n),
+        least,
+        random.uniform(0.5, 4.0, n),
+        10 ** random.uniform(-2, 1, n),
+        np.cos(random.uniform(0.1, np.pi, n)),
+    )
+
+
+def test_derivatives_by_the_angle(arc):
+    h = 1e-4
+    angle = 0.7 * np.arccos(arc.end)
+    here = arc._parts(np.cos(angle), np.sin(angle))
+    ahead = arc._parts(np.cos(angle + h), np.sin(angle + h))
+    behind = arc._parts(np.cos(angle - h), np.sin(angle - h))
+    first = (ahead[0] - behind[0]) / (2 * h)
+    second = (ahead[0] - 2 * here[0] + behind[0]) / h**2
+    np.testing.assert_allclose(here[1], first, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(-here[2], second, rtol=1e-5, atol=1e-5)
+
+
+def test_nothing_on_the_arc_is_larger(arc):
+    """And the bound is close: within a few percent of the range of the values."""
+    largest = arc.largest()
+    angles = np.linspace(0, 1, 400)[:, None] * np.arccos(arc.end)
+    values = arc._parts(np.cos(angles), np.sin(angles))[0]
+    assert (largest >= values.max(axis=0) - 1e-12).all()
+    size = 1 + np.abs(values).max(axis=0)
+    assert np.median((largest - values.max(axis=0)) / size) < 1e-3
+    assert ((largest - values.max(axis=0)) / size).max() < 0.2
