@@ -15,7 +15,7 @@ def arc():
     least = v * random.uniform(0.0, 0.95, n)  # beta is not negative
     return Arc(
         v,
-        least - random.uniform(0.0, 1.0, n),
+        least * random.uniform(0.0, 1.0, n),
         least,
         random.uniform(0.5, 4.0, n),
         10 ** random.uniform(-2, 1, n),

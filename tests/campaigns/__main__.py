@@ -99,7 +99,16 @@ def arguments():
     faults = campaigns.add_parser("mutants", help="faults that tests should notice")
     faults.set_defaults(
         kind=Mutants,
-        options=("count", "seed", "rows", "map", "seconds", "again", "trusted"),
+        options=(
+            "count",
+            "seed",
+            "rows",
+            "map",
+            "seconds",
+            "again",
+            "judged",
+            "trusted",
+        ),
     )
     faults.add_argument("--count", type=int, default=Mutants.count)
     faults.add_argument("--seed", type=int, default=Mutants.seed)
@@ -107,6 +116,8 @@ def arguments():
     faults.add_argument("--map", type=Path, default=Mutants.map)
     faults.add_argument("--seconds", type=float, default=Mutants.seconds)
     faults.add_argument("--again", action="store_true")
+    faults.add_argument("--judged", action="store_true")
+    faults.add_argument("--judged", action="store_true")
     faults.add_argument("--trusted", action="store_true")
     return parser
 

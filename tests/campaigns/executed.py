@@ -61,7 +61,8 @@ class Executed:
             found = defaultdict(set)
             for data in self._data:
                 for line, contexts in lines_of(data, module):
-                    found[line] |= {test_of(c) for c in contexts} - {"", *self.failed}
+                    tests = {test_of(c) for c in contexts if " at 0x" not in c}
+                    found[line] |= tests - {"", *self.failed}
             self._lines[module] = found
         return self._lines[module]
 

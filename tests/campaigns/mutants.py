@@ -84,6 +84,8 @@ class Mutants(Work):
         The tests of one mutant cost at most that together, the cheapest are taken.
     again
         Whether survivors that are not equivalent are tried once more.
+    judged
+        Whether to show those alone that have been judged already.
     trusted
         Whether the tests that have killed need not pass once more without a mutation.
     """
@@ -94,6 +96,7 @@ class Mutants(Work):
     map: Path = Path("out/map")
     seconds: float = 20.0
     again: bool = False
+    judged: bool = False
     trusted: bool = False
 
     name, title = "mutants", "Faults that tests notice"
@@ -113,7 +116,7 @@ class Mutants(Work):
                 {"room": room, "module": module, "mutant": name}
                 for name, module in drawn
             ]
-        return found
+        return [c for c in found if self.path_of(c).exists()] if self.judged else found
 
     @cached_property
     def mutations(self):
@@ -200,13 +203,15 @@ class Mutants(Work):
     def affordable(self, tests, mutation, seconds):
         """Some of the tests, one at least, that cost so many seconds at most, and what they cost.
 
-        Tests that have killed other mutants come first, then some at random: the cheapest are often
-        those that only refuse data, which are for removed checks.
+        Tests that have killed other mutants come first, then cheap ones, with chances for all.
+        Those that only refuse data are for removed checks.
         """
 
         def order(test):
             asked = mutation.kind != "removed check"
-            return -self.killers[test], refuses(test) == asked, self.lot((test,))
+            chance = int(self.lot((test,))[:6], 16) / 16**6
+            dear = chance * (0.01 + self.executed.costs[test])
+            return -self.killers[test], refuses(test) == asked, dear
 
         taken, total = [], 0.0
         for test in sorted(tests, key=order):
@@ -235,17 +240,13 @@ class Mutants(Work):
 
     @cached_property
     def reasons(self):
-        """(Module, function, before, after) -> why no test can notice it."""
-        listed = json.loads(REASONS.read_text()) if REASONS.exists() else []
-        keys = ("module", "function", "before", "after")
-        return {tuple(one[key] for key in keys): one["reason"] for one in listed}
+        """(Module, name of a mutant) -> why no test can notice it."""
+        listed = json.loads(REASONS.read_text(encoding="utf-8"))
+        return {(one["module"], one["mutant"]): one["reason"] for one in listed}
 
     def reason(self, cell):
         """Why nobody can notice a mutant; None if nothing is said."""
-        mutation = self.mutations[cell["module"], cell["mutant"]]
-        return self.reasons.get(
-            (cell["module"], mutation.function, mutation.before, mutation.after)
-        )
+        return self.reasons.get((cell["module"], cell["mutant"]))
 
     def told(self, records):
         """The records; a survivor with a reason is equivalent."""
@@ -323,9 +324,9 @@ def verdict(found):
     """What the answer of the referee says about a mutant.
 
     Exit codes of pytest: 0 all pass, 1 some fail, 2 interrupted, 3 internal, 4 a file cannot be
-    imported, 5 no tests.
+    imported, or it has no such test, 5 no tests.
     """
-    if found["code"] == 5:
+    if found["code"] in (4, 5) and "by" not in found:
         raise RuntimeError("the map names tests that are not there: make it again")
     if found["code"] == 0:
         return {"verdict": "survived", "why": "no test fails"}

@@ -190,7 +190,9 @@ def test_points_and_fields():
         Fields(result.problem, result.displacement, CF((half,) * 3))
 
 
-@pytest.mark.parametrize("mesh", [SQUARE, CUBE, block.mesh(0.5)], ids=str)
+@pytest.mark.parametrize(
+    "mesh", [SQUARE, CUBE, block.mesh(0.5)], ids=["square", "cube", "tetrahedra"]
+)
 def test_points_beyond_the_boundary(mesh):
     """One for each facet, outside the unit square or cube, and closer to it than a cell is wide."""
     points = points_beyond(mesh)

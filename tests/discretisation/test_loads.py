@@ -34,7 +34,7 @@ def work(problem, motion):
         ({"traction": {Point((1.0, 1.0)): (2.0, 5.0)}}, (2.0, 5.0, 5.0 - 2.0)),
         ({"pressure": {"right": 4.0}}, (-4.0, 0.0, 2.0)),
     ],
-    ids=str,
+    ids=["weight", "varying", "traction", "varying traction", "point", "pressure"],
 )
 def test_resultants(load, expected, order):
     """Forces along x and y, and the moment about the origin, by hand."""

@@ -70,7 +70,7 @@ TENSORS = np.array(
 SHEET = Hill(F=0.3, G=0.4, H=0.6, L=1.2, M=1.7, N=2.1, angle=0.4)
 
 
-@pytest.mark.parametrize("kinematics", [PLANE_STRAIN, SOLID], ids=str)
+@pytest.mark.parametrize("kinematics", [PLANE_STRAIN, SOLID], ids=["plane", "solid"])
 def test_the_form_is_the_measure(kinematics):
     """Of stresses that the basis spans: coordinates and tensors give one number."""
     mesh = block.structured_mesh(1, 1)
