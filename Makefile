@@ -5,6 +5,7 @@
 # derivatives beside differences: minutes, results/fuzz.*, robustness.*, crossings.*, derivatives.*.
 # make results: every committed result again, those of today's code left out; make results
 # NAMES="table1 counts": some of them.  Hours; an interrupted run goes on with the same line.
+# make mutants: faults put into the package, and the tests that notice them: an hour or two.
 # make test-petsc: the tests of large bodies once more, with Debian's PETSc.
 # make docs: this project's site in out/docs, and as one file, out/ngepc-docs.zip.   make benchmark: what a Newton step costs,
 # make benchmark-pieces: its pieces.
@@ -30,7 +31,7 @@ export MPLBACKEND := Agg
 export NGS_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo check test campaigns results test-petsc coverage lint docs benchmark benchmark-pieces clean
+.PHONY: demo check test campaigns mutants results test-petsc coverage lint docs benchmark benchmark-pieces clean
 
 demo: $(VENV)/.run
 	$(BIN)/ngepc study table1 --levels $(LEVELS) --rows $(ROWS) --out $(OUT)
@@ -59,6 +60,12 @@ campaigns: $(VENV)/.test
 
 results: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns.remake $(NAMES)
+
+mutants: $(VENV)/.test
+	mkdir -p out/map
+	COVERAGE_FILE=out/map/cov.all $(BIN)/python -m pytest -m "not notebooks" --cov \
+	  --cov-context=test --cov-report= --durations=0 -vv > out/map/all.log
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results mutants --count 320 --seed 1
 
 test-petsc: $(PETSC_VENV)/.test
 	PETSC_DIR=$(PETSC_DIR) NGEPC_NEEDS_PETSC=1 $(PETSC_VENV)/bin/python -m pytest tests/local
