@@ -62,9 +62,6 @@ results: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns.remake $(NAMES)
 
 mutants: $(VENV)/.test
-	mkdir -p out/map
-	COVERAGE_FILE=out/map/cov.all $(BIN)/python -m pytest -m "not notebooks" --cov \
-	  --cov-context=test --cov-report= --durations=0 -vv > out/map/all.log
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results mutants --count 320 --seed 1
 
 test-petsc: $(PETSC_VENV)/.test

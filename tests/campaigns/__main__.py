@@ -3,8 +3,7 @@
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
 --rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
 or ``hidden --count 400``, or ``equilibria``, or ``cones``, or ``receipts``, ``intervals``,
-``verdicts``, or ``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers, or ``mutants``,
-which needs a map of tests and lines: ``campaigns.mutants`` has the commands.
+``verdicts``, or ``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers, or ``mutants``.
 """
 
 import argparse

@@ -5,12 +5,9 @@ each room.  Tests that execute the line run on a copy of the project with that f
 (``campaigns.executed``, ``campaigns.referee``): one that fails kills it, and so does a process that
 crashes, or that does not end in time.  A line that no test executes leaves a survivor.
 
-The map of tests and lines is a folder, made once and again whenever lines have moved::
-
-    mkdir -p out/map
-    COVERAGE_FILE=out/map/cov.all pytest -m "not notebooks" --cov --cov-context=test \
-        --cov-report= --durations=0 -vv > out/map/all.log
-    PYTHONPATH=tests python -m campaigns --out results mutants --count 320 --seed 1 --map out/map
+The map of tests and lines is a folder, made where there is none; it has to be removed when lines
+have moved.  Cells that were judged are kept, ``--again`` tries those that survived once more, after
+tests have been written, ``--judged`` shows what there is.
 
 ``survivors.json`` beside this file says of a survivor why no test can or need notice it.
 """
@@ -29,7 +26,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from campaigns.executed import Executed
+from campaigns.executed import Executed, made
 from campaigns.mutations import mutations
 
 from ngepc.studies.work import Work
@@ -229,6 +226,9 @@ class Mutants(Work):
     @cached_property
     def executed(self):
         """Which tests execute a line."""
+        if not any(self.map.glob("cov.*")):
+            self.progress(f"All tests run once for the map in {self.map}")
+            made(self.map, ROOT)
         return Executed(self.map)
 
     @cached_property
