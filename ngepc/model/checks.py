@@ -362,7 +362,8 @@ def check_contact(problem: ProblemData) -> None:
         met |= both
     if names and given is None:
         raise ValueError(
-            f"contact={problem.contact!r} needs a gap: a number or coefficient"
+            f"contact={problem.contact!r} needs a gap to rigid obstacles: a number or a "
+            "coefficient; contact of two bodies is contact=Contact(first, second)"
         )
     if given is not None and not names:
         raise ValueError(

@@ -17,6 +17,7 @@ from ngsolve import CoefficientFunction, IfPos, Mesh, exp
 
 from ngepc.checks.arguments import (
     Coefficient,
+    is_number,
     require_datum,
     require_field,
     require_number,
@@ -182,6 +183,11 @@ class Tabulated(HardeningLaw):
         R = tuple(
             require_datum("stress_there", value, 0, strict=True) for value in there
         )
+        numbers = [value for value in R if is_number(value)]
+        if any(a > b for a, b in pairwise(numbers)):
+            raise ValueError(
+                f"stress_there={there!r}: stresses that do not fall are needed"
+            )
         vars(self).update(plastic_strain=x, stress_there=R)
 
     def energy(self, x: Value) -> Value:

@@ -432,7 +432,7 @@ PROBLEMS = {
         "prescribed['left'] has shape (2,): a scalar is needed",
     ),
     # gaps
-    "no gap": ({"gap": None}, "contact='contact' needs a gap"),
+    "no gap": ({"gap": None}, "contact='contact' needs a gap to rigid obstacles"),
     "no contact": ({"contact": None}, "gap=0.1: name the contact boundary too"),
     "NaN gap": ({"gap": NAN}, "gap=nan: a finite number is needed"),
     "infinite gap": ({"gap": INF}, "gap=inf: a finite number is needed"),

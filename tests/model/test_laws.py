@@ -124,3 +124,8 @@ def test_yield_ratios_are_those_of_bars_and_shears():
         s[i, j] = s[j, i] = 1.0 if i == j else 1 / np.sqrt(3)  # S = 1 for von Mises
         measured = sheet.measure(CF(tuple(s.ravel()), dims=(3, 3)))(mesh(0.5, 0.5))
         assert np.sqrt(1.5) * measured == pytest.approx(1 / ratio, rel=1e-12)
+
+
+def test_tables_that_fall_are_refused_where_they_are_made():
+    with pytest.raises(ValueError, match="stresses that do not fall"):
+        Tabulated([0, 0.1], [200.0, 100.0])

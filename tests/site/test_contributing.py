@@ -1,4 +1,4 @@
-"""The worked examples of CONTRIBUTING.md: each runs by itself and does what it says."""
+"""The worked examples for those who extend: each runs by itself and does what it says."""
 
 import re
 from pathlib import Path
@@ -10,9 +10,10 @@ from ngepc import Material, Problem, semismooth_newton
 
 ROOT = Path(__file__).resolve().parents[2]
 TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+OWN = (ROOT / "docs" / "howto" / "own_parts.md").read_text(encoding="utf-8")
 EXAMPLES = dict(
     re.findall(
-        r"^## An? (.*?)\n.*?```python\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE
+        r"^## An? (.*?)\n.*?```python\n(.*?)^```", OWN + TEXT, re.DOTALL | re.MULTILINE
     )
 )
 

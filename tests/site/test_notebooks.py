@@ -248,3 +248,12 @@ def test_the_command_replaces_nothing_unasked(tmp_path, capsys):
     assert mine.read_text() == "my work"
     assert main(["notebooks", str(tmp_path), "--force"]) == 0
     assert mine.read_text() != "my work"
+
+
+@pytest.mark.parametrize("path", LECTURES, ids=name)
+def test_every_chapter_is_a_slide(path):
+    cells = read(path).cells
+    for cell in cells:
+        if cell.cell_type == "markdown" and cell.source.startswith(("# ", "## ")):
+            assert cell.metadata["slideshow"]["slide_type"] == "slide"
+    assert cells[1].metadata["slideshow"]["slide_type"] == "skip"
