@@ -83,6 +83,7 @@ from ngepc.pictures.export import export_vtu as export_vtu
 from ngepc.pictures.fields import plot_field as plot_field
 from ngepc.pictures.fields import plot_mesh as plot_mesh
 from ngepc.pictures.fields import plot_plastic_zone as plot_plastic_zone
+from ngepc.pictures.intervals import plot_interval as plot_interval
 from ngepc.pictures.live import lab as lab
 from ngepc.pictures.materials import plot_material as plot_material
 from ngepc.pictures.monitors import live_plot_monitor as live_plot_monitor

@@ -205,6 +205,10 @@ class AdjointProblem:
                 off = self.off(goal, z)[:, end]
                 most = factor * self.room[:, end]
                 more = off - np.clip(off, -most, most)
+                # facets that meet at a vertex differ in what they allow: those that are
+                # satisfied but for rounding must not undo what another one asks for
+                rounded = ROUNDING * (1 + np.abs(off).max(initial=0.0))
+                more[np.abs(more) <= rounded] = 0.0
                 self._raise(z, contact.nodes[:, end], more, 1.0)
         if self.setting.problem.order == 2:
             low, high = self._middles(goal, z, factor)

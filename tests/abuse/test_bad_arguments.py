@@ -287,6 +287,11 @@ USES = {
         {"xlabel": TEXTS, "ylabel": TEXTS, "history": NOTHING},
         ("x", "y"),
     ),
+    "plot_interval": Use(
+        ngepc.plot_interval,
+        {"run": ngepc.solve_to(FREE, goal=WORK, percent=90.0)},
+        {"limit": NUMBERS},
+    ),
     "plot_bracket": Use(ngepc.plot_bracket, {"limit": LIMIT}, {"exact": NUMBERS}),
     "plot_mechanism": Use(ngepc.plot_mechanism, {"limit": LIMIT}),
     "lab": Use(lambda problem: ngepc.lab(problem, load=(0, 1)), {"problem": PROBLEM}),

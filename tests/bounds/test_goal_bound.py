@@ -17,8 +17,12 @@ from ngepc import (
     goal_bound,
     semismooth_newton,
 )
+from ngepc.bounds.adjoint import AdjointProblem
+from ngepc.bounds.goal_bound import GoalProblem
+from ngepc.bounds.goal_terms import terms_of
 from ngepc.bounds.supremum import PointData, Stresses, suprema
 from ngepc.geometries import block
+from ngepc.studies.bounds import bounded_example
 from ngepc.studies.examples import example
 
 MATERIAL = Material.kinematic(
@@ -217,3 +221,18 @@ def test_friction_is_refused():
     )
     with pytest.raises(ValueError, match="friction"):
         goal_bound(semismooth_newton(problem), "contact_force")
+
+
+def test_facets_with_different_room_do_not_undo_each_other():
+    """Below a ball each facet around a vertex leaves another gap: the least one counts.
+
+    The condition on the adjoint holds for a moderate lambda, else intervals are useless.
+    """
+    result = semismooth_newton(bounded_example("sphere", "uniform", 281))
+    goal = GoalProblem(result)
+    adjoints = AdjointProblem(goal.setting, goal.bound.state, goal.bound.pressure)
+    terms = terms_of("contact_force", goal.setting)
+    z, least = adjoints.repaired(terms, np.zeros_like(goal.bound.state.u), 10.0)
+    assert least == 10.0
+    off = np.abs(adjoints.off(terms, z))
+    assert (off <= 10.0 * adjoints.room + 1e-6).all()
