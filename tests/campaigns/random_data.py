@@ -82,7 +82,7 @@ def with_random_law(material, seed):
         Swift(
             stress, float(random.uniform(0.002, 0.02)), float(random.uniform(0.1, 1))
         ),
-        Tabulated((0.0, 0.002, 0.05), (stress, stress + more / 4, stress + 3 * more)),
+        table_of_steel(stress, more),
     )
     return Material.with_law(
         lame_lambda=material.lame_lambda,
@@ -90,6 +90,13 @@ def with_random_law(material, seed):
         law=drawn[(seed // 3) % 3],
         hardening=material.hardening,
     )
+
+
+def table_of_steel(stress, more):
+    """A table that reaches strain 1, as it has to where nothing else hardens."""
+    strains = (0.0, 0.002, 0.05, 1.0)
+    rises = (0.0, more / 4, 3 * more, 6 * more)
+    return Tabulated(strains, tuple(stress + rise for rise in rises))
 
 
 def random_material(random):
