@@ -16,6 +16,7 @@ import atexit
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -53,6 +54,7 @@ ROOMS = (
     "cli",
 )
 ELSEWHERE = "local/petsc.py"  # its tests need another Python
+PLACES = re.compile(r"(?<![\w.])/[\w.-]+(?:/[\w.-]+)+")  # folders of this machine
 LEAST = 10  # mutants of each room
 GRACE = 10  # seconds of work beyond what the tests cost without a mutation
 KEPT = ("ngepc", "geometries", "notebooks", "tests", "docs", "benchmarks", "results")
@@ -255,6 +257,7 @@ class Mutants(Work):
     def excused(self, record):
         """A record with its reason."""
         why = self.reason(record)
+        record = record | {"why": PLACES.sub("...", record["why"])}
         if record["verdict"] == "killed" or why is None:
             return record
         return record | {"verdict": "equivalent", "why": why}
