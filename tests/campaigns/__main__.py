@@ -116,7 +116,6 @@ def arguments():
     faults.add_argument("--seconds", type=float, default=Mutants.seconds)
     faults.add_argument("--again", action="store_true")
     faults.add_argument("--judged", action="store_true")
-    faults.add_argument("--judged", action="store_true")
     faults.add_argument("--trusted", action="store_true")
     return parser
 

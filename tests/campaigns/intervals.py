@@ -35,7 +35,7 @@ ROUNDED = 1e-6
 HEAD = ("group", "problems", "refused", "intervals", "misses", "proved",
         "median percent", "a quarter above")  # fmt: skip
 VERDICTS = ("group", "problems", "verdicts", "wrong", "undecided", "median nodes",
-            "halving h: wrong", "halving h: no answer")  # fmt: skip
+            "halving h, wrong", "halving h, no answer")  # fmt: skip
 BESIDE = (0.02, 0.05, 0.1, 0.2)
 """How far limits are from the fine value, above and below."""
 SECONDS = 60.0
