@@ -37,11 +37,9 @@ from ngepc.pictures.views import (
     show,
     viewer_script,
 )
-from ngepc.results.options import NewtonOptions
 
 SCRIPT = Path(__file__).with_name("live.js").read_text(encoding="utf-8")
 
-TOLERANCE = 1e-8  # of the residual: the duality gap, its square, is then rounding
 LONG = 0.1  # after slower solves (s) the next one shows a prediction first
 ROOM = 1.3  # factor by which scales of colours and pressures are extended
 EXTRA = 'pip install "ngepc[notebook]"'
@@ -104,11 +102,6 @@ def lab(
     return Laboratory(problem, tuple(sliders), change, field, drawing, title)
 
 
-def warm_solver() -> WarmSolver:
-    """The solver of a laboratory."""
-    return WarmSolver(NewtonOptions(tolerance=TOLERANCE))
-
-
 @dataclass(eq=False)
 class Laboratory:
     """The laboratory of ``lab``; each solve starts from the last solution.
@@ -123,7 +116,7 @@ class Laboratory:
     field: str | CoefficientFunction
     drawing: Drawing
     title: str = ""
-    solver: WarmSolver = field(default_factory=warm_solver, repr=False)
+    solver: WarmSolver = field(default_factory=WarmSolver, repr=False)
     trail: list[tuple[float, float]] = field(default_factory=list, repr=False)
     before: dict[str, float] = field(default_factory=dict, repr=False)
     moving: set[str] = field(default_factory=set, repr=False)
