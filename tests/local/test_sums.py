@@ -200,9 +200,9 @@ def readings(comm):
         for room, values in numbers(result).items():
             found[name, room] = np.array(values, dtype=float)
         told = result.summary()
-        note = re.sub(
-            r"Friction\b.*?\. ", "", told.get("note", "")
-        )  # one process searches
+        # One process alone searches for equilibria; a scan of a gap has the scale of a part.
+        alone = r"(Friction\b|Between nodes\b).*?\. "
+        note = re.sub(alone, "", told.get("note", "") + " ").strip()
         found[name, "words"] = (told["status"], told["body"], note)
         if name == "Coulomb":
             for room, values in history(problem).items():
