@@ -27,6 +27,7 @@ from ngsolve import (
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.polynomials import is_polynomial
+from ngepc.model.processes import processes_of
 
 SIMPLICES = {1: ET.SEGM, 2: ET.TRIG, 3: ET.TET}
 FINEST = {1: 128, 2: 96, 3: 18}
@@ -182,8 +183,7 @@ class Scan:
         numbers = [
             n for n in numbers.tolist() if mesh[ElementId(kind, n)].type == shape
         ]
-        if numbers:
-            self.hidden = self._hidden(np.array(numbers))
+        self.hidden = self._hidden(np.array(numbers, dtype=int))
 
     @cached_property
     def count(self) -> int:
@@ -191,15 +191,17 @@ class Scan:
         return parts_of_edges(self.mesh, self.kind)
 
     def _hidden(self, numbers: np.ndarray) -> np.ndarray:
-        """The elements whose lattice values no cubic function fits."""
-        basis = cubics(self.dim, self.count)
-        rule = lattice_rule(self.dim, self.count)
-        missed = np.empty(len(numbers))
-        size = 0.0
+        """The elements whose lattice values no cubic function fits, beside the largest value."""
+        missed = np.zeros(len(numbers))
+        sizes = np.zeros(len(numbers))
+        if len(numbers):
+            basis = cubics(self.dim, self.count)
+            rule = lattice_rule(self.dim, self.count)
         for k, number in enumerate(numbers.tolist()):
             values = self._at(number, rule)
-            size = max(size, np.abs(values).max())
+            sizes[k] = np.abs(values).max()
             missed[k] = np.abs(values - basis @ (basis.T @ values)).max()
+        size = processes_of(self.mesh).maximum(sizes)
         return numbers[missed > FOLLOWED * size]
 
     def at(

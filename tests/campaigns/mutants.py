@@ -115,7 +115,12 @@ class Mutants(Work):
                 {"room": room, "module": module, "mutant": name}
                 for name, module in drawn
             ]
-        return [c for c in found if self.path_of(c).exists()] if self.judged else found
+        if not self.judged:
+            return found
+        kept = [cell for cell in found if self.path_of(cell).exists()]
+        if not kept:
+            raise ValueError(f"judged=True: no mutant has been judged in {self.folder}")
+        return kept
 
     @cached_property
     def mutations(self):

@@ -200,8 +200,8 @@ def readings(comm):
         for room, values in numbers(result).items():
             found[name, room] = np.array(values, dtype=float)
         told = result.summary()
-        # One process alone searches for equilibria; a scan of a gap has the scale of a part.
-        alone = r"(Friction\b|Between nodes\b).*?\. "
+        # One process alone searches for equilibria.
+        alone = r"Friction\b.*?\. "
         note = re.sub(alone, "", told.get("note", "") + " ").strip()
         found[name, "words"] = (told["status"], told["body"], note)
         if name == "Coulomb":
