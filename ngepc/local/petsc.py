@@ -55,7 +55,7 @@ For order one 2 was enough for up to 8 processes; for order two some are above 2
 
 def shared_options(processes: int, order: int) -> str:
     """The rest of the options where some processes share a body."""
-    largest = min(float(processes), REACH[order])
+    largest = min(float(processes), REACH[order] if processes > 3 else 2.0)
     return SHARED.format(0.1 * largest, largest)
 
 
