@@ -83,7 +83,8 @@ def monitor(record):
 result = semismooth_newton(
     problem, options=NewtonOptions(inverse=PETSc()), monitor=monitor
 )
-print(result.status, result.iterations, flush=True)
+sys.stdout.write(f"{result.status} {result.iterations}\\n")
+sys.stdout.flush()
 """
 
 
