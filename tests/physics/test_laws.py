@@ -247,7 +247,7 @@ class Softening(HardeningLaw):
 
 
 BAD = {
-    "falls": (lambda: bar(Tabulated([0, 1], [250.0, 200.0]), 1.0), "softening"),
+    "falls": (lambda: Tabulated([0, 1], [250.0, 200.0]), "do not fall"),
     "own": (lambda: bar(Softening(), 1.0), "softening"),
     "first": (lambda: Tabulated([0.1, 1], [1.0, 2.0]), "increasing numbers from 0"),
     "lengths": (lambda: Tabulated([0, 1], [1.0]), "2 values are needed"),
