@@ -139,6 +139,11 @@ class RepeatedSolver:
         limits = self.options.tolerance, self.options.max_iterations
         made = partial(ExactResult, linear_solver=solver_name(self._chosen))
         result = newton_iteration(state, tangent, made, *limits, monitor, target)
+        failed = result.status is Status.NONFINITE
+        if failed and discrete.problem.processes.any(state.contact != 0):
+            # Forces of another problem may lead nowhere under friction: once more without them.
+            state = discrete.state(state.u)
+            result = newton_iteration(state, tangent, made, *limits, monitor, target)
         gave_up = target is not None and result.status is Status.NONFINITE
         if (
             gave_up

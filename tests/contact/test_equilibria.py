@@ -23,14 +23,13 @@ def test_several_equilibria_are_not_missed():
     assert wrong == []
 
 
-@pytest.mark.parametrize("factor", [0.5, 0.8, 1.25, 2.0])
-def test_three_equilibria_whatever_the_start(factor):
-    """A block on five rows for which one start found one equilibrium and called it converged."""
+def block_on_five_rows():
+    """It has three equilibria; one start found one of them and called it converged."""
     nu = 0.49
     metal = Material.kinematic(
         lame_lambda=2 * nu / (1 - 2 * nu), lame_mu=1.0, yield_stress=1e6, hardening=1.0
     )
-    problem = Problem(
+    return Problem(
         block.structured_mesh(4, 8, size=(1, 2.0), simplices=True),
         metal,
         "clamped",
@@ -41,6 +40,23 @@ def test_three_equilibria_whatever_the_start(factor):
         body_force=(0.00241326, -0.00100887),
         order=1,
     )
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.8, 1.25, 2.0])
+def test_three_equilibria_whatever_the_start(factor):
+    problem = block_on_five_rows()
     near = semismooth_newton(replace(problem, friction=Coulomb(2.748 * factor)))
     assert semismooth_newton(problem).status is Status.NOT_UNIQUE
     assert semismooth_newton(problem, start=near).status is Status.NOT_UNIQUE
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("moved", [-0.01, -0.001, 0.01])
+def test_a_start_under_another_gap_does_no_harm(order, moved):
+    """Its contact forces led nowhere for a gap that is smaller by 0.001."""
+    problem = replace(block_on_five_rows(), order=order)
+    other = semismooth_newton(replace(problem, gap=problem.gap + moved))
+    cold = semismooth_newton(problem)
+    warm = semismooth_newton(problem, start=other)
+    assert cold.status is Status.NOT_UNIQUE
+    assert warm.status is cold.status
