@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
 
-from ngsolve import Mesh
+from ngsolve import CoefficientFunction, Mesh
 
 from ngepc.checks import pickling as pickling  # registers pickling of NGSolve's types
 from ngepc.checks.arguments import require_integer
@@ -116,6 +117,17 @@ class Problem(ProblemData):
             return DefaultOrder(1 if self.kinematics is TWO_DIMENSIONAL else 2)
         return require_integer("order", self.order, 1, 2)
 
+    def __repr__(self) -> str:
+        """The arguments that were given; meshes and coefficients by their kind."""
+        given = {
+            field.name: getattr(self, field.name)
+            for field in fields(self)
+            if getattr(self, field.name) is not None
+        }
+        given["kinematics"] = self.kinematics.name
+        told = [f"{name}={_in_words(value)}" for name, value in given.items()]
+        return f"Problem({', '.join(told)})"
+
     @property
     def features(self) -> dict[str, tuple[str, object]]:
         """Name of each feature that the problem has -> (argument, value).
@@ -202,3 +214,17 @@ def _paper_problem(
     load = {"load": -pressure * outward_normal(mesh)}
     flat = {"kinematics": "two-dimensional", "order": 1}
     return Problem(mesh, material, "clamped", load, contact="contact", gap=gap, **flat)
+
+
+def _in_words(value: object) -> str:
+    """A value of a problem on one line."""
+    if isinstance(value, Mesh):
+        return f"<mesh, {value.dim}D, {value.ne} elements>"
+    if isinstance(value, CoefficientFunction):
+        return "<coefficient>"
+    if isinstance(value, Mapping):
+        entries = (f"{key!r}: {_in_words(one)}" for key, one in value.items())
+        return f"{{{', '.join(entries)}}}"
+    if isinstance(value, tuple | list):
+        return f"({', '.join(map(_in_words, value))})"
+    return repr(value)
