@@ -35,7 +35,8 @@ PRODUCTS = re.compile(
     r"binary operation '\*'|innerproduct.*|(matrix|scalar)-(vector|matrix) multiply"
 )
 CHOICE = re.compile(r".*IfPosCoefficientFunction.*")
-ORIENTATION = ("innerproduct.*", "normal vector", ".*BoundaryFromVolume.*")
+ON_FACET = re.compile(".*BoundaryFromVolume.*")
+ORIENTATION = ("innerproduct.*", "normal vector", ON_FACET)
 SAME = "same vectors"
 """How NGSolve marks an inner product of something with itself, which it prints once."""
 
@@ -66,8 +67,23 @@ def degree_of(value: CoefficientFunction) -> float:
     whole = CF(
         (value, 1.0)
     )  # NGSolve prints zeros, multiples and functions differently
-    lines = list(_lines(str(whole)))
-    return _degree(lines, 0, order)[0]
+    text = str(whole)
+    if not _all_known(text):
+        return math.inf
+    return _degree(list(_lines(text)), 0, order)[0]
+
+
+def _all_known(text: str) -> bool:
+    """Whether the degree of each kind of part is known; a part is printed wherever it is used."""
+    kinds = "\n".join({line.strip() for line in text.split("\n")})
+    names = {_plain(name) for _, name in _lines(kinds)}
+    known = (FUNCTIONS, CONSTANTS, COORDINATES, SUMS, CHOICE, PRODUCTS, ON_FACET)
+    return all(any(kind.fullmatch(name) for kind in known) for name in names)
+
+
+def _plain(name: str) -> str:
+    """The name of a part without its size."""
+    return re.split(r", (?:fix size|dim)", name)[0]
 
 
 def _order(function: GridFunction) -> int:
@@ -95,7 +111,7 @@ def _degree(lines: list[tuple[int, str]], at: int, order: int) -> tuple[float, i
         below.append(degree)
     if CHOICE.fullmatch(name) and _is_orientation(lines[at + 1 : at + 4]):
         below[0] = 0
-    return _combined(re.split(r", (?:fix size|dim)", name)[0], below, order), following
+    return _combined(_plain(name), below, order), following
 
 
 def _is_orientation(lines: list[tuple[int, str]]) -> bool:

@@ -50,9 +50,8 @@ def test_what_is_asked_for_is_reached(lshaped):
     assert lshaped.reached
     assert lshaped.message == ""
     assert lshaped.bound.relative <= 0.02
-    assert f"relative error at most {lshaped.bound.relative:.3g}, 0.02 asked" in repr(
-        lshaped
-    )
+    said = f"relative error at most {lshaped.bound.relative:.3g} (guaranteed), 0.02 asked"
+    assert said in repr(lshaped)
     fresh = error_bound(lshaped.result)  # its stress starts from another tangent
     assert fresh.energy == lshaped.bound.energy
     assert fresh.total == pytest.approx(
