@@ -50,7 +50,9 @@ def test_what_is_asked_for_is_reached(lshaped):
     assert lshaped.reached
     assert lshaped.message == ""
     assert lshaped.bound.relative <= 0.02
-    said = f"relative error at most {lshaped.bound.relative:.3g} (guaranteed), 0.02 asked"
+    said = (
+        f"relative error at most {lshaped.bound.relative:.3g} (guaranteed), 0.02 asked"
+    )
     assert said in repr(lshaped)
     fresh = error_bound(lshaped.result)  # its stress starts from another tangent
     assert fresh.energy == lshaped.bound.energy

@@ -53,7 +53,7 @@ def waiting(names):
     known = times()
     wanted = {command for name, command in commands().items() if name in names}
     left = [command for command in wanted if not up_to_date(known.get(command, {}))]
-    return sorted(left, key=lambda command: known.get(command, {}).get("wall_s", 1e4))
+    return sorted(left, key=lambda command: known.get(command, {}).get("cpu_s", 1e4))
 
 
 def same_code(entry):
