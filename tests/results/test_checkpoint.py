@@ -9,12 +9,12 @@ from ngsolve import CF, x
 from ngepc import Material, Point, Problem
 from ngepc.geometries import block
 from ngepc.results.checkpoint import (
-    array_of,
     load,
     problem_fingerprint,
     save,
     work_fingerprint,
 )
+from ngepc.results.stored import array_of
 
 METAL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=10.0
