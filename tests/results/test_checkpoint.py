@@ -8,12 +8,7 @@ from ngsolve import CF, x
 
 from ngepc import Material, Point, Problem
 from ngepc.geometries import block
-from ngepc.results.checkpoint import (
-    load,
-    problem_fingerprint,
-    save,
-    work_fingerprint,
-)
+from ngepc.results.checkpoint import load, problem_fingerprint, save, work_fingerprint
 from ngepc.results.stored import array_of
 
 METAL = Material.kinematic(
