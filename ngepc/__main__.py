@@ -28,6 +28,7 @@ def remembered() -> Iterator[None]:
     """Remember SIGINT, ``pressed`` on the handler, where Python's own one is in charge."""
 
     def handle(number: int, frame: FrameType | None) -> NoReturn:
+        """Note that the key was pressed, and interrupt."""
         handle.pressed = True
         raise KeyboardInterrupt
 

@@ -69,6 +69,7 @@ def old_names(module: str) -> Callable[[str], object]:
     """``__getattr__`` of a module that has lost names."""
 
     def look_up(name: str) -> object:
+        """The new object for an old name of the module."""
         old = f"{module}.{name}"
         if old not in MOVED:
             raise AttributeError(f"module {module!r} has no attribute {name!r}")
@@ -81,6 +82,7 @@ def renamed(old: str, new: str) -> property:
     """An attribute of a class that is now called ``new``."""
 
     def look_up(self: object) -> object:
+        """The value of the attribute under its new name."""
         place = type(self).__name__
         message = f"{place}.{old} is now {place}.{new}"
         warnings.warn(message, DeprecationWarning, stacklevel=2)

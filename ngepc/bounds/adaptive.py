@@ -282,6 +282,7 @@ def solved(
     energies = []
 
     def pause(record: IterationRecord) -> None:
+        """Stop after a step that lowers the energy by less than ``small``."""
         energies.append(record.energy)
         if abs(energies[-2] - energies[-1]) < small:
             raise StopIteration

@@ -121,6 +121,7 @@ def plastic(r: SimpleNamespace, s: np.ndarray, modulus: np.ndarray, p: bool) -> 
     s = in_rows(s)
 
     def values(s: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """The density at stress coefficients, (parts, coefficients)."""
         length = np.sqrt((s**2).sum(axis=2))
         over = np.maximum(length - r.beta[row, None], 0.0)
         x = s * (over / np.where(length > 0, length, 1.0))[..., None]

@@ -246,9 +246,11 @@ def material_arrays(setting: BoundData) -> dict[str, np.ndarray]:
     basis = problem.kinematics.basis
 
     def spread(values: np.ndarray) -> np.ndarray:
+        """One value for each part from one for each point."""
         return np.repeat(np.asarray(values)[:: setting.each], parts, axis=0)
 
     def tensors(values: np.ndarray) -> np.ndarray:
+        """Deviatoric coordinates at points as tensors for each part."""
         return np.einsum("td,dij->tij", spread(values), basis)[:, None]
 
     force = np.zeros((len(setting.cells.nodes), problem.N))

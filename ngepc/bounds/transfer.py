@@ -74,6 +74,7 @@ def bisected_to(
     (finer, number), sums = copied(mesh), np.maximum(indicators, 0.0)
 
     def scale() -> np.ndarray:
+        """What is expected of the indicators by volume alone."""
         return np.array(Integrate(CF(1), finer, element_wise=True)) ** (
             1 + 2 / mesh.dim
         )

@@ -45,10 +45,12 @@ def jax_function(response: Response) -> Callable[[Any], Any]:
         raise ImportError('jax_function needs JAX: pip install "ngepc[jax]"') from error
 
     def solved(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The number and its gradient, in the precision of the parameters."""
         value, slope = response(np.asarray(theta, dtype=float))
         return np.asarray(value, theta.dtype), np.asarray(slope, theta.dtype)
 
     def both(theta: Any) -> Any:
+        """The number and its gradient, called back from JAX."""
         shapes = (
             jax.ShapeDtypeStruct((), theta.dtype),
             jax.ShapeDtypeStruct(theta.shape, theta.dtype),
@@ -57,9 +59,11 @@ def jax_function(response: Response) -> Callable[[Any], Any]:
 
     @jax.custom_vjp
     def function(theta: Any) -> Any:
+        """The number."""
         return both(theta)[0]
 
     def backward(slope: Any, upstream: Any) -> tuple:
+        """The gradient times the derivative of what follows."""
         return (upstream * slope,)
 
     function.defvjp(both, backward)
@@ -98,12 +102,14 @@ def torch_function(response: Response) -> Callable[[Any], Any]:
 
         @staticmethod
         def forward(context: Any, theta: Any) -> Any:
+            """The number; its gradient is kept for ``backward``."""
             value, slope = response(theta.detach().cpu().double().numpy())
             context.save_for_backward(theta.new_tensor(slope))
             return theta.new_tensor(value)
 
         @staticmethod
         def backward(context: Any, upstream: Any) -> Any:
+            """The gradient times the derivative of what follows."""
             (slope,) = context.saved_tensors
             return upstream * slope
 

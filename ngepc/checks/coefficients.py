@@ -67,11 +67,13 @@ def rebuilt(
     made: dict[int, tuple] = {}
 
     def again(node: CoefficientFunction) -> CoefficientFunction:
+        """The changed node, made once."""
         if id(node) not in made:
             made[id(node)] = node, changed(node)
         return made[id(node)][1]
 
     def changed(node: CoefficientFunction) -> CoefficientFunction:
+        """The node with changed operands, itself if none has changed."""
         old = children(node)
         if not old:
             return replace(node)

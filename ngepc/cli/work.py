@@ -156,6 +156,7 @@ def _refined(args: argparse.Namespace, problem: Problem) -> tuple[Result, ErrorB
     report = reporter(args.quiet)
 
     def note(mesh: MeshRecord) -> None:
+        """Report a mesh: nodes, steps, and the error or the interval of the goal."""
         size = f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps"
         found = f"energy error at most {100 * mesh.relative:.3g} percent"
         if args.goal is not None:
@@ -198,6 +199,7 @@ def limit(args: argparse.Namespace) -> int:
     begin = time.perf_counter()
 
     def note(mesh: LimitRecord) -> None:
+        """Report a mesh: elements and the bounds of the load factor."""
         width = f"{100 * mesh.relative_width:.3g} percent"
         bounds = f"{mesh.lower:.6g} to {mesh.upper:.6g}"
         report(f"{mesh.cells:6d} elements: {bounds}, {width}")
@@ -289,6 +291,7 @@ def path(args: argparse.Namespace) -> int:
     begin = time.perf_counter()
 
     def note(step: object) -> None:
+        """Report a value of gamma."""
         change = "" if step.change is None else f", V changes by {step.change:.3g}"
         report(f"gamma {step.gamma:.4g}: {step.iterations} steps, {step.status.label}, "
              f"residual {step.residual_norm:.3g}{change}")  # fmt: skip
@@ -428,6 +431,7 @@ def reporter(quiet: bool) -> Callable[[str], None]:
     """A function that writes lines of progress to standard error, and raises a lost Ctrl-C."""
 
     def report(line: str) -> None:
+        """Write a line to standard error; Ctrl-C that was pressed meanwhile interrupts."""
         if not quiet:
             sys.stderr.write(line + "\n")
             sys.stderr.flush()

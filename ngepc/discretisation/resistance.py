@@ -59,6 +59,7 @@ class Resistance:
         """The same at some of the points."""
 
         def there(value: float | np.ndarray) -> float | np.ndarray:
+            """A datum at the chosen points."""
             return value[points] if np.ndim(value) else value
 
         return replace(

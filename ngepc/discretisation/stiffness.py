@@ -190,6 +190,7 @@ def by_moduli(points: Points, free: np.ndarray) -> SymbolicStiffness:
     known = [functions.function(np.zeros(shape)) for shape in shapes]
 
     def form(u: ProxyFunction, v: ProxyFunction) -> SumOfIntegrals:
+        """The stiffness form with the moduli of the points."""
         bulk, across, extra, direction, coupling = known
         e, d = (kinematics.coordinates(kinematics.strain(w)) for w in (u, v))
         volumes = [Trace(kinematics.strain(w)) for w in (u, v)]
@@ -203,6 +204,7 @@ def by_moduli(points: Points, free: np.ndarray) -> SymbolicStiffness:
         return (kinematics.weight * power).Compile() * dx(intrules=points.rules)
 
     def enter(moduli: Moduli) -> None:
+        """Store moduli in the functions of the form."""
         data = (moduli.bulk, moduli.across, moduli.extra, moduli.direction)
         if moduli.coupling is not None:
             data = (*data, moduli.coupling.reshape(count, -1))

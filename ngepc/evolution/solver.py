@@ -63,6 +63,7 @@ def cold_start(solver: Callable, **settings: object) -> StepSolver:
     require_function("solver", solver, "a problem and the settings")
 
     def solve(problem: Problem, start: GridFunction | None) -> object:
+        """Solve a step from zero, whatever the start."""
         return solver(problem, **settings)
 
     names = ", ".join(f"{key}={value!r}" for key, value in sorted(settings.items()))

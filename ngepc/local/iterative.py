@@ -66,6 +66,7 @@ class FullPattern:
         numbers = np.arange(1, len(i) * N * N + 1, dtype=np.int32).reshape(-1, N, N)
 
         def placed(kept: np.ndarray | slice) -> bsr_matrix:
+            """The kept entries as a matrix of nodal blocks."""
             starts = np.searchsorted(i[kept], np.arange(nodes + 1))
             return bsr_matrix(
                 (numbers[kept], j[kept], starts), shape=(N * nodes, N * nodes)

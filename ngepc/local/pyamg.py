@@ -58,6 +58,7 @@ class PyAMG(Iterative):
         spaces = []
 
         def prepared(matrix: csr_matrix, pinned: csr_matrix) -> Linear:
+            """The preconditioner for a pinned tangent; coarse spaces are made once."""
             if not spaces:
                 spaces.extend([*coarse_spaces(matrix, modes, N), None])
             levels = []

@@ -162,12 +162,14 @@ class State(Iterate):
         start, rise = dot(pull, self.u), dot(pull, change)
 
         def work(t: float) -> float:
+            """The derivative of the energy along the step."""
             there = law.returned(self.volume + t * volume, self.deviator + t * e)
             mean, stress = law.stress(there)
             power = mean * volume + np.einsum("pd,pd->p", stress, e)
             return points.integral(power) + start + t * rise
 
         def moved(t: float, contact: np.ndarray) -> State:
+            """The state at a step length."""
             w = law.linearised(self.at, self.yielding, volume, e)
             w = self.yielding + t * (w - self.yielding)
             return self.discrete.state(self.u + t * change, w, contact)

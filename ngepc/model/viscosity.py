@@ -51,6 +51,7 @@ class RateLaw(Potential):
         """See ``Potential``; numbers stay numbers, for derivatives of powers at zero."""
 
         def there(value: Coefficient) -> Coefficient | np.ndarray:
+            """A datum at the points, numbers as they are."""
             return value if is_number(value) else values(value)
 
         return super().at(there)

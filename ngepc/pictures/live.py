@@ -290,6 +290,7 @@ class Laboratory:
             setup = traitlets.Dict().tag(sync=True)
 
         def answer(widget: Live, message: dict, buffers: object) -> None:
+            """Send the frames of what the page asks for."""
             for frame in self.frames(message["values"]):
                 widget.send(json_ready(frame))
 

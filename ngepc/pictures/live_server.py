@@ -53,6 +53,7 @@ class _Answers(http.server.BaseHTTPRequestHandler):
     server: LabServer
 
     def do_GET(self) -> None:
+        """Answer with the page, its script or its data."""
         laboratory = self.server.laboratory
         setup = as_json(laboratory.setup)
         title = escape(laboratory.title or "laboratory")
@@ -70,6 +71,7 @@ class _Answers(http.server.BaseHTTPRequestHandler):
         self.wfile.write(text.encode())
 
     def do_POST(self) -> None:
+        """Answer with frames, one line of JSON each."""
         if self._asked() != "frames":
             self.send_error(404)
             return

@@ -38,6 +38,7 @@ def progress_line(label: str = "") -> Iterator[Monitor]:
     bar = tqdm(desc=desc, leave=False, disable=None, bar_format=form)
 
     def write(record: IterationRecord) -> None:
+        """Show an iterate beside the bar."""
         bar.set_postfix_str(
             f"step {record.iteration}, residual {record.residual_norm:.2e}, in contact "
             f"{record.contact_active:.3g}, plastic {record.plastic_active:.3g}"

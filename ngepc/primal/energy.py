@@ -194,6 +194,7 @@ class PrimalState(Iterate):
         """The work of the stress at u + t du times du, and the state there, see ``Iterate``."""
 
         def moved(t: float, contact: np.ndarray) -> PrimalState:
+            """The state at a step length."""
             return PrimalState(self.body, self.u + t * change, contact)
 
         return lambda t: float(

@@ -178,6 +178,7 @@ def calibrate(
 
     @lru_cache(maxsize=1)  # the Jacobian is asked for where the residuals were found
     def fits(*logarithms: float) -> list:
+        """The fit of each curve for logarithms of the parameters."""
         return [curve.fit(fitted(logarithms)) for curve in curves]
 
     found = least_squares(

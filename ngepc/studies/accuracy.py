@@ -139,6 +139,7 @@ def quarter_block(level: int, simplices: bool) -> Mesh:
     n = 2 * (level + 1)
 
     def graded(s: float) -> float:
+        """A coordinate with elements that are smaller near zero."""
         return s * (0.35 + 0.65 * s)
 
     return MakeStructured3DMesh(

@@ -113,6 +113,7 @@ class Bounds(OverMeshes):
         run = []
 
         def note(nodes: int, bound: ErrorBound | MeshRecord, **more: object) -> None:
+            """Add a record of a mesh to the run."""
             error = bound.energy - LIMITS[body]
             found = {
                 "error": error,
@@ -124,6 +125,7 @@ class Bounds(OverMeshes):
             run.append({"nodes": nodes, **found, "example": example, **more})
 
         def adapted(mesh: MeshRecord) -> None:
+            """Add an adaptive mesh to the run."""
             steps = mesh.iterations + (run[-1]["steps"] if run else 0)
             spent = time.process_time() - begin
             note(mesh.nodes, mesh, steps=steps, cpu_s=spent, apart="with it")

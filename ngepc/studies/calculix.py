@@ -219,6 +219,7 @@ def run(deck: Deck, folder: Path, limit: int = 600) -> Answer:
     environment = os.environ | one | {"NUMBER_OF_CPUS": "1"}
 
     def limited() -> None:
+        """Limit the processor time of the child."""
         resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
 
     with (folder / "log").open("w") as log:

@@ -61,6 +61,7 @@ def measure(mode: str, nodes: int) -> dict:
     elastic, spans, begin = [elastic_solve(problem)], [], time.process_time()
 
     def clock(record: IterationRecord) -> None:
+        """Take the time of a step, and of an elastic solve after it."""
         nonlocal begin
         spans.append(time.process_time() - begin)
         elastic.append(elastic_solve(problem))

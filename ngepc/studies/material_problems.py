@@ -35,6 +35,7 @@ def three_bars() -> Solved:
     stiffness = sum(young for young, _ in BARS)
 
     def force(strain: float) -> float:
+        """The force of bars in parallel."""
         return sum(min(young * strain, stress) for young, stress in BARS)
 
     corners = [stress / young for young, stress in BARS]
@@ -83,6 +84,7 @@ def ring() -> Solved:
     """
 
     def placed(s: float, t: float) -> tuple[float, float]:
+        """A point of the ring from one of the unit square."""
         r = RADII[0] + (RADII[1] - RADII[0]) * s
         return r * math.cos(math.pi / 2 * t), r * math.sin(math.pi / 2 * t)
 
@@ -106,7 +108,10 @@ def disc_limit() -> float:
     """rho omega^2 of a disc of radius 1 that yields everywhere: sigma_r = sigma_t at its axis."""
 
     def left(speed: float) -> float:
+        """The radial stress that is left at the rim."""
+
         def slope(r: float, s: np.ndarray) -> list[float]:
+            """The derivative of the radial stress by equilibrium."""
             return [(hoop(s[0]) - s[0]) / r - speed * r]
 
         run = solve_ivp(slope, (1e-6, 1.0), [YIELD], rtol=1e-9, atol=1e-12)
@@ -123,6 +128,7 @@ def disc() -> Solved:
 
     def placed(s: float, t: float) -> tuple[float, float]:
         # the quarter of a disc from that of a square, by concentric squares
+        """A point of the quarter disc from one of the unit square."""
         return s * math.sqrt(1 - t * t / 2), t * math.sqrt(1 - s * s / 2)
 
     mesh = MakeStructured2DMesh(quads=True, nx=12, ny=12, mapping=placed)
@@ -201,6 +207,7 @@ def bree_cycles(tension: float, heat: float) -> tuple:
     times = tuple(0.5 * k for k in range(1, 4 * CYCLES + 1))
 
     def changes(time: float) -> dict:
+        """The thermal strain at a time."""
         return {"initial_strain": abs((time + 1) % 2 - 1) * hot}
 
     run = evolve(problem, Schedule(times, changes)).raise_for_status()

@@ -41,6 +41,7 @@ def sphere(cells: int, order: int, *, hexahedra: bool) -> Problem:
     """A quarter of a block under a rigid sphere; cells grow away from the point of contact."""
 
     def graded(s: float) -> float:
+        """A coordinate with elements that are smaller near zero."""
         return s * (0.35 + 0.65 * s)
 
     mesh = MakeStructured3DMesh(
