@@ -74,14 +74,20 @@ class Team:
         return any(self.all(bool(flags.any())))
 
     def show(self, monitor: Callable[[T], None], seen: T) -> None:
-        """Show something to the monitor of each process; StopIteration on all if one raises it."""
-        stopped = False
+        """Show something to the monitor of each process.
+
+        StopIteration or SystemExit, as ``sys.exit`` raises it, of one process is raised on all:
+        the others would wait for it.
+        """
+        ending: BaseException | None = None
         try:
             monitor(seen)
-        except StopIteration:
-            stopped = True
-        if any(self.all(stopped)):
-            raise StopIteration
+        except (StopIteration, SystemExit) as error:
+            ending = error
+        endings = [found for found in self.all(ending) if found is not None]
+        if endings:
+            leaving = [found for found in endings if isinstance(found, SystemExit)]
+            raise (leaving or endings)[0]
 
     def check_stop(self, error: BaseException) -> None:
         """Raise an interrupt again where others would wait: it ends all processes."""

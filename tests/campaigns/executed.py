@@ -1,8 +1,12 @@
 """Which tests execute a line of the package, and what each of them costs.
 
-A map is a folder with pairs of files: ``cov.NAME`` of coverage with contexts and ``NAME.log`` of
-pytest, as ``COVERAGE_FILE=FOLDER/cov.NAME pytest TESTS --cov --cov-context=test --durations=0 -vv``
-writes them; ``made`` does it for all tests but notebooks.
+A map is a folder with files of three kinds: ``cov.NAME`` of coverage with contexts, ``NAME.log`` of
+pytest, and ``NAME.spent`` with the seconds of each test, as
+
+    SPENT=FOLDER/NAME.spent COVERAGE_FILE=FOLDER/cov.NAME pytest TESTS --cov --cov-context=test \\
+        -p campaigns.spent > FOLDER/NAME.log
+
+writes them; ``made`` does it for all tests but notebooks and those that read the package as text.
 """
 
 import os
@@ -14,24 +18,24 @@ from functools import cached_property
 
 from coverage import CoverageData
 
-LASTED = re.compile(r"^([\d.]+)s (?:call|setup) +(tests/.*)$")
+APART = ("site", "house", "campaigns")
+"""Tests of pages, of the looks of the code, and of this tool."""
+
 FAILED = re.compile(r"^(?:FAILED|ERROR) (tests/\S+)")
 
 
 def made(folder, root):
     """Run all tests of a checkout once, for the map in ``folder``: it takes twice as long."""
     folder.mkdir(parents=True, exist_ok=True)
-    words = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-m",
-        "not notebooks",
-        "--durations=0",
-        "-vv",
-    ]
-    words += ["--cov", "--cov-context=test", "--cov-report="]
-    surroundings = {**os.environ, "COVERAGE_FILE": str(folder.resolve() / "cov.all")}
+    words = [sys.executable, "-m", "pytest", "-m", "not notebooks", "-q"]
+    words += ["-p", "campaigns.spent", "--cov", "--cov-context=test", "--cov-report="]
+    words += [f"--ignore=tests/{name}" for name in APART]
+    whole = folder.resolve()
+    surroundings = {
+        **os.environ,
+        "COVERAGE_FILE": str(whole / "cov.all"),
+        "SPENT": str(whole / "all.spent"),
+    }
     with open(folder / "all.log", "w") as log:
         subprocess.run(words, cwd=root, env=surroundings, stdout=log, check=False)
 
@@ -55,12 +59,12 @@ class Executed:
 
     @cached_property
     def costs(self):
-        """Seconds of each test; what is too quick to be listed costs nothing."""
+        """Seconds of a processor of each test."""
         seconds = defaultdict(float)
-        for path in self.folder.glob("*.log"):
-            for line in path.read_text(errors="replace").splitlines():
-                if match := LASTED.match(line):
-                    seconds[match[2].strip()] += float(match[1])
+        for path in self.folder.glob("*.spent"):
+            for line in path.read_text(encoding="utf-8").splitlines():
+                spent, _, test = line.partition(" ")
+                seconds[test] = max(seconds[test], float(spent))
         return seconds
 
     @cached_property

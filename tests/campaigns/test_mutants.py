@@ -81,8 +81,8 @@ def test_map(tmp_path):
     """Lines that run at import belong to all tests of the file."""
     executed = Executed(tmp_path)
     executed._lines["room/ten.py"] = {4: set(), 8: {"a"}, 9: {"a", "b"}}
-    (tmp_path / "all.log").write_text("2.50s call     a\n0.10s setup    tests/b[x y]\n")
-    assert executed.costs == {"tests/b[x y]": 0.1}
+    (tmp_path / "all.spent").write_text("2.50 tests/a\n0.10 tests/b[x y]\n")
+    assert executed.costs == {"tests/a": 2.5, "tests/b[x y]": 0.1}
     assert executed.tests("room/ten.py", 8, 8) == ["a"]
     assert executed.tests("room/ten.py", 4, 4) == ["a", "b"]
     assert executed.tests("room/ten.py", 11, 11) == []

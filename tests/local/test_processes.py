@@ -111,6 +111,7 @@ def test_one_process_that_raises_ends_all_with_its_traceback(count, tmp_path):
 @pytest.mark.parametrize(
     ("ends", "status", "said"),
     [
+        ("sys.exit(0)", 0, ""),
         ("sys.exit(7)", 7, ""),
         ('sys.exit("no licence on this node")', 1, "no licence on this node"),
         ("raise KeyboardInterrupt", 130, "KeyboardInterrupt"),
