@@ -20,6 +20,7 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.factors import Factors
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem, State
@@ -143,6 +144,7 @@ SMALLEST_ERROR = 1e-12
 """A smaller relative error of the energy is within rounding."""
 
 
+@one_blas_thread
 def solve_to(
     problem: Problem,
     relative_error: float = 0.01,

@@ -26,6 +26,7 @@ from ngepc.bounds.solid import SolidBoundData
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.sampled import sampled_data, what_is_unseen
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.places import values_at
@@ -163,6 +164,7 @@ class ErrorBound:
         return result
 
 
+@one_blas_thread
 def error_bound(result: object) -> ErrorBound:
     """A guaranteed bound of the energy error of a result, converged or not.
 

@@ -35,6 +35,7 @@ from ngepc.bounds.goal_terms import GoalTerms, terms_of
 from ngepc.bounds.integrand import Integrand, integrand_of
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.model.features import require_covered
 
@@ -155,6 +156,7 @@ class GoalBound:
         )
 
 
+@one_blas_thread
 def goal_bound(result: object, goal: object) -> GoalBound:
     """A guaranteed interval of a force or a displacement of the continuous solution.
 

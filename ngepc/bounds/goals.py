@@ -26,6 +26,7 @@ from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.loads import applied_forces
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.data import Vector
@@ -69,6 +70,7 @@ class Between:
         return half / abs(self.discrete) if self.discrete else math.inf
 
 
+@one_blas_thread
 def contact_force_bracket(result: ExactResult) -> Between:
     """Bounds of the resultant of the normal contact pressure (force).
 
@@ -103,6 +105,7 @@ def contact_force_bracket(result: ExactResult) -> Between:
     return Between(max(lower, 0.0), upper, force, not message, message)
 
 
+@one_blas_thread
 def displacement_bracket(
     result: ExactResult,
     traction: Mapping[str, Vector] | None = None,

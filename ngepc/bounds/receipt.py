@@ -26,6 +26,7 @@ from ngepc.bounds.parts import NODES, coefficients
 from ngepc.bounds.simplices import FACETS
 from ngepc.checks.kinds import require_instance, require_path
 from ngepc.discretisation.factors import Factors
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State
 from ngepc.model.features import require_covered
@@ -46,6 +47,7 @@ _CENTRE = {
 }
 
 
+@one_blas_thread
 def write_receipt(result: ExactResult, path: str | Path) -> tuple[float, float]:
     """Write the proof that the least energy lies in an interval to a file, and check it.
 

@@ -11,6 +11,7 @@ from ngepc.bounds.adaptive import BoundedResult, MeshRecord, Refinement, solve_t
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.goal_bound import GoalBound
 from ngepc.checks.arguments import require_number
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
 
@@ -51,6 +52,7 @@ class Verdict:
         return f"{self.outcome}: {self.sentence}"
 
 
+@one_blas_thread
 def verdict(
     problem: Problem,
     goal: object,
@@ -121,6 +123,7 @@ def verdict(
     return Verdict(outcome, found, run, sentence)
 
 
+@one_blas_thread
 def confidence(result: object) -> str:
     """One line: how far the energy of a result is from that of the continuous problem.
 

@@ -30,6 +30,7 @@ from ngsolve import (
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.dual.functional import DualIterate
 from ngepc.dual.result import DualResult
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.model.problem import as_scalar
 
 POINTS = 400
@@ -74,6 +75,7 @@ class DualityReport:
         return {name: getattr(self, name) for name in terms}
 
 
+@one_blas_thread
 def duality_report(result: DualResult) -> DualityReport:
     """Measure the duality gap, its parts, and how well (2.10)-(2.13), (3.8), (3.9) hold.
 

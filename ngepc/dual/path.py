@@ -29,6 +29,7 @@ from ngepc.dual.path_steps import PathResult, PathStep, PathStore
 from ngepc.dual.result import DualResult
 from ngepc.dual.spaces import DualSpaces
 from ngepc.dual.stopping import Tolerances
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.model.own import own_copy
 from ngepc.model.problem import Problem
@@ -97,6 +98,7 @@ class PathOptions(Declared):
         require_instance("newton", self.newton, NewtonOptions, "NewtonOptions(...)")
 
 
+@one_blas_thread
 def follow_path(
     problem: Problem,
     options: PathOptions | None = None,

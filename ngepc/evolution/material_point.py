@@ -16,6 +16,7 @@ from ngepc.discretisation.laws import law_of
 from ngepc.evolution.load_path import numbers_in
 from ngepc.evolution.result import Memory
 from ngepc.geometries import block
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.model.data import ProblemData
 from ngepc.model.kinematics import SOLID
 from ngepc.model.material import Material
@@ -71,6 +72,7 @@ class PointHistory:
         )
 
 
+@one_blas_thread
 def material_point(
     material: Material,
     strain: Path | None = None,

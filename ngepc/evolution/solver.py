@@ -31,6 +31,7 @@ from ngepc.evolution.result import (
     StepRecord,
     is_zero,
 )
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import RepeatedSolver
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
@@ -73,6 +74,7 @@ def cold_start(solver: Callable, **settings: object) -> StepSolver:
     return solve
 
 
+@one_blas_thread
 def evolve(
     problem: Problem,
     steps: Schedule | object,

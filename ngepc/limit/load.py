@@ -27,6 +27,7 @@ from ngepc.limit.fields import (
 )
 from ngepc.limit.reading import check_limit_problem, growing_names, limit_data
 from ngepc.limit.yielding import SHAPES, YieldShape
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
 
@@ -228,6 +229,7 @@ def strongest(problem: Problem) -> float:
     return float(limit_data(problem, growing_names(problem, None)).bound.max())
 
 
+@one_blas_thread
 def limit_load(
     problem: Problem,
     relative_width: float = 0.01,

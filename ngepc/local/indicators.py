@@ -9,6 +9,7 @@ from ngsolve import VOL as BODY
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.law import SOFTEST
 from ngepc.discretisation.points import Elements, Points
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State
 from ngepc.model.elements import SHAPES, elements_by_shape, plastic_order
@@ -36,6 +37,7 @@ COVERS = (
 """Features that ``error_indicators`` covers."""
 
 
+@one_blas_thread
 def error_indicators(result: ExactResult) -> GridFunction:
     """Estimate the contribution of each element to the energy error (force times length).
 

@@ -14,6 +14,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors, tangent_of
 from ngepc.discretisation.prolongation import at_vertices
 from ngepc.discretisation.stiffness import Stiffness, by_moduli
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.direct import require_solver
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.choice import DIRECT, fastest_solver, solver_name
@@ -104,6 +105,7 @@ class RepeatedSolver:
         self._discrete: DiscreteProblem | None = None
         self._tangent: Factors | IterativeTangent | None = None
 
+    @one_blas_thread
     def __call__(
         self,
         problem: Problem,

@@ -8,6 +8,7 @@ from ngepc.checks.kinds import require_function, require_instance
 from ngepc.dual.result import DualResult
 from ngepc.dual.solver import solve_regularised
 from ngepc.dual.spaces import Coupled
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.own import own_copy
@@ -40,6 +41,7 @@ def semismooth_newton(
 ) -> DualResult: ...
 
 
+@one_blas_thread
 def semismooth_newton(
     problem: Problem,
     gamma: float | None = None,

@@ -23,6 +23,7 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.factors import tangent_of
 from ngepc.discretisation.points import interpolated
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.direct import require_solver
 from ngepc.model.own import own_copy, require_same_mesh
 from ngepc.model.problem import Problem, as_scalar
@@ -115,6 +116,7 @@ class PrimalResult(DiscreteSolution):
         return interpolated(self.problem, increment)
 
 
+@one_blas_thread
 def primal_newton(
     problem: Problem,
     start: GridFunction | object | None = None,

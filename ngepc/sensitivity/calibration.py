@@ -19,6 +19,7 @@ from ngepc.checks.kinds import (
 )
 from ngepc.evolution.load_path import Schedule, numbers_in
 from ngepc.evolution.solver import evolve
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.gradient import states_of, tangents_at
@@ -130,6 +131,7 @@ class Calibration:
     message: str
 
 
+@one_blas_thread
 def calibrate(
     problem: Problem,
     curves: Curve | Sequence[Curve],

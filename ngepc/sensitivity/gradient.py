@@ -25,6 +25,7 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.discretisation.loads import nodal
 from ngepc.evolution.result import Evolution, EvolutionStep
+from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.features import (
@@ -98,6 +99,7 @@ class Gradient(dict[str, float]):
         self.differentiable = not self.message
 
 
+@one_blas_thread
 def gradient(
     result: Solution,
     functional: str | Form | Functional,
@@ -267,6 +269,7 @@ Rates = str | Mapping[str, float | tuple[float, Direction]]
 """Name of a datum, or name -> rate: {"gap": -1.0, "hardening": 5.0}, or -> (rate, Direction)."""
 
 
+@one_blas_thread
 def tangent(result: Solution, parameters: Rates) -> TangentResult:
     """The derivative of the solution in a direction; at biactive solutions the one-sided one.
 
