@@ -17,7 +17,7 @@ from ngepc.bounds.contact import BUBBLE, EDGES
 from ngepc.bounds.coverage import check_covered, varies_inside
 from ngepc.bounds.simplices import marked
 from ngepc.discretisation.loads import nodal
-from ngepc.discretisation.points import PointFunctions, Points, on_children
+from ngepc.discretisation.points import Points, on_children
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import ACTING
@@ -129,7 +129,7 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
         meshes = problem.mesh, mesh
         before, after = (Points(m, problem.kinematics, problem.order) for m in meshes)
         values = on_children(before.at(value), before, after, parents)
-        function = PointFunctions(after).function(values)
+        function = after.functions.function(values)
         return function.Reshape(tuple(value.dims)) if len(value.dims) == 2 else function
 
     names = ["initial_plastic_strain", "initial_hardening", "initial_accumulated"]

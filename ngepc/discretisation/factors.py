@@ -51,6 +51,7 @@ class Factors:
         self._right, self._left = (self._matrix.CreateColVector() for _ in range(2))
         nodal = problem.order == 1 and not problem.contact_pairs
         self.stiffened = self._stiffened if nodal else None
+        self._held: Factors | None = None  # with springs of the contact rows
 
     def linearise(self, here: Iterate) -> None:
         """Take the tangent at a state."""
@@ -67,11 +68,12 @@ class Factors:
         """``solve`` with springs of the contact rows, each of which belongs to one node."""
         R = self._body.contact.matrix
         added = self._body.added + R.T @ diags(springs) @ R
-        held = Factors(
-            self._body, self._name, self._stiffness.with_added(added.tocsr())
-        )
-        held.update(self.moduli)
-        return held.solve
+        stiffness = self._stiffness.with_added(added.tocsr())
+        if self._held is None:
+            self._held = Factors(self._body, self._name, stiffness)
+        self._held._stiffness = stiffness
+        self._held.update(self.moduli)
+        return self._held.solve
 
     def _factorise(self) -> None:
         try:

@@ -41,6 +41,7 @@ from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.sampling import Scan
+from ngepc.model.data import same_fields
 from ngepc.model.elements import (
     cells_of,
     element_facets,
@@ -304,24 +305,39 @@ class Supports:
         free = nodal(np.array(list(self.space.FreeDofs()), dtype=bool), problem)
         processes = problem.nodal_processes
         holding = processes.summed((~free).astype(float))
-        self.free = holding == 0
         lift = nodal(
             prescribed_displacement(problem, self.space).vec.FV().NumPy(), problem
         )
         self.values = processes.summed(lift.copy()) / np.maximum(holding, 1)
-        if problem.kinematics.hoop:  # on the axis the radial displacement vanishes
-            radii = np.abs(vertex_coordinates(problem.mesh)[:, 0])
-            scalar = self.space.components[0]
-            there = radii <= 1e-12 * radii.max()
-            self.free[: len(there)][there, 0] = False
-            for facet in problem.mesh.Elements(BND):
-                if all(there[vertex.nr] for vertex in facet.vertices):
-                    self.free[list(scalar.GetDofNrs(facet)), 0] = False
+        if like is not None and same_fields(problem, like.problem, "springs"):
+            self.free = like.free
+            self.springs = like.springs
+            self.stiffness = like.stiffness
+            return
+        self.free = holding == 0
+        if problem.kinematics.hoop:
+            self._hold_axis()
         constants = problem.spring_constants.items()
         self.springs = {
             p: spring_matrix(problem, self.space, p, k) for p, k in constants
         }
         self.stiffness = sum(self.springs.values(), csr_matrix((free.size, free.size)))
+
+    def _hold_axis(self) -> None:
+        """On the axis of a body of revolution the radial displacement vanishes."""
+        mesh = self.problem.mesh
+        radii = np.abs(vertex_coordinates(mesh)[:, 0])
+        scalar = self.space.components[0]
+        there = radii <= 1e-12 * radii.max()
+        self.free[: len(there)][there, 0] = False
+        for facet in mesh.Elements(BND):
+            if all(there[vertex.nr] for vertex in facet.vertices):
+                self.free[list(scalar.GetDofNrs(facet)), 0] = False
+
+    def holds_like(self, other: Supports) -> bool:
+        """Whether the same components are held, by the same springs."""
+        same = self.free is other.free and self.stiffness is other.stiffness
+        return self is other or (same and not self.problem.rollers)
 
     def pull(self, u: np.ndarray, place: Place | None = None) -> np.ndarray:
         """The forces on the springs, of one place or of all, at displacements, both (nodes, N)."""

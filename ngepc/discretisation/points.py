@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from ngsolve import (
@@ -51,6 +52,7 @@ class Elements:
     basis: (
         np.ndarray
     )  # numbers of a strain by the slopes of a displacement, shape (s, N, slopes)
+    size: int  # tensors are size x size
     averaged: bool  # tr eps is the mean over each element
     shapes: np.ndarray  # shape functions at the points, shape (p, k)
     nodes: np.ndarray  # numbers, shape (elements, k)
@@ -63,9 +65,8 @@ class Elements:
     @property
     def parts(self) -> Iterator[Elements]:
         """The elements in chunks, as views."""
-        points, nodes = self.shapes.shape
-        kinds, N, _ = self.basis.shape
-        count = max(1, CHUNK // (points * (kinds + 1) * nodes * N))
+        unknowns = self.shapes.shape[1] * self.basis.shape[1]
+        count = max(1, CHUNK // unknowns**2)
         names = ("nodes", "points", "weights", "slopes")
         for first in range(0, len(self.nodes), count):
             chosen = slice(first, first + count)
@@ -108,24 +109,77 @@ class Elements:
         return np.matmul(self.slopes, tensors.swapaxes(2, 3)).sum(axis=1)
 
     def stiffness(self, moduli: Moduli) -> np.ndarray:
-        """B' C B, shape (elements, k N, k N)."""
-        rows = self.rows()
-        points = self.points
-        along = np.einsum("epd,epdk->epk", moduli.direction[points], rows[:, :, 1:])
-        rows = np.concatenate([rows, along[:, :, None]], axis=2)
-        factors = np.empty(rows.shape[:3])
-        factors[:, :, 0] = self.weights * moduli.bulk[points]
-        factors[:, :, 1:-1] = (self.weights * moduli.across[points])[:, :, None]
-        factors[:, :, -1] = self.weights * moduli.extra[points]
-        flat = rows.reshape(len(rows), -1, rows.shape[-1])
-        weighted = flat.transpose(0, 2, 1) * factors.reshape(len(rows), 1, -1)
-        found = np.matmul(weighted, flat)
+        """B' C B for each pair of components and nodes, shape (N, N, elements, k, k).
+
+        With symmetric tensors dev a : dev b = a : b - tr a tr b / size.  The products of the
+        slopes of two nodes give sym(u grad) : sym(v grad) at once, so that only the trace and the
+        direction of the moduli need rows.
+        """
+        count, points, k, _ = self.slopes.shape
+        N = self.basis.shape[1]
+        components = (count, N, k, N, k)
+        derivatives = self.slopes[..., :N].swapaxes(2, 3).reshape(count, points, -1)
+        shear = 0.5 * self.weights * moduli.across[self.points]
+        products = _weighted_squares(derivatives, shear).reshape(components)
+        rows, factors = self._single_rows(moduli)
+        found = _weighted_squares(rows, factors)
         if moduli.coupling is not None:
-            coupling = self.weights[:, :, None, None] * moduli.coupling[points]
-            strains = rows[:, :, :-1]
-            stresses = np.matmul(coupling, strains)
-            found += np.einsum("epsk,epsl->ekl", strains, stresses, optimize=True)
-        return found
+            found += self._coupled(moduli.coupling)
+        found = found.reshape(components)
+        along = np.einsum("ecicj->eij", products)
+        blocks = np.empty((N, N, count, k, k))
+        for a, b in np.ndindex(N, N):
+            np.add(found[:, a, :, b], products[:, b, :, a], out=blocks[a, b])
+        for a in range(N):
+            blocks[a, a] += along
+        return blocks
+
+    def _single_rows(self, moduli: Moduli) -> tuple[np.ndarray, np.ndarray]:
+        """Rows whose squares with these factors are what remains of B' C B beside a : b.
+
+        They stand component by component, shapes (elements, rows, N k) and (elements, rows).
+        """
+        count, points = self.points.shape
+        bulk = moduli.bulk[self.points]
+        across = moduli.across[self.points]
+        slopes = self.slopes.swapaxes(2, 3)
+        s, N, kinds = self.basis.shape
+        tensors = moduli.direction[self.points] @ self.basis[1:].reshape(s - 1, -1)
+        along = np.matmul(tensors.reshape(count, points, N, kinds), slopes)
+        trace = np.matmul(self.basis[0], slopes)
+        rows = [trace, along]
+        factors = [-across / self.size, moduli.extra[self.points]]
+        if self.averaged:
+            mean = np.einsum("ep,epci->eci", self._shares, trace)
+            rows.append(np.broadcast_to(mean[:, None], trace.shape))
+            factors.append(bulk)
+        else:
+            factors[0] = factors[0] + bulk
+        if kinds > N:
+            hoop = np.zeros(trace.shape)
+            hoop[:, :, 0] = slopes[:, :, -1]
+            rows.append(hoop)
+            factors.append(across)
+        weighted = [self.weights * factor for factor in factors]
+        flat = [row.reshape(count, points, -1) for row in rows]
+        return np.concatenate(flat, axis=1), np.concatenate(weighted, axis=1)
+
+    def _coupled(self, coupling: np.ndarray) -> np.ndarray:
+        """B' C B for symmetric matrices C on (tr, dev), component by component."""
+        count, points, k, _ = self.slopes.shape
+        N = self.basis.shape[1]
+        strains = self.rows().reshape(count, points, -1, k, N).swapaxes(3, 4)
+        strains = strains.reshape(count, points, -1, N * k)
+        weighted = self.weights[:, :, None, None] * coupling[self.points]
+        stresses = np.matmul(weighted, strains)
+        flat = (count, -1, N * k)
+        return np.matmul(strains.reshape(flat).swapaxes(1, 2), stresses.reshape(flat))
+
+
+def _weighted_squares(rows: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    """The sum over p of factor_p row_p row_p', shape (elements, n, n); rows (elements, p, n)."""
+    weighted = rows * factors[:, :, None]
+    return np.matmul(weighted.swapaxes(1, 2), rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +251,8 @@ class Points:
 
     def __getstate__(self) -> dict:
         """Everything except the mapped points, which refer to their mesh in memory."""
-        return {name: part for name, part in vars(self).items() if name != "_mapped"}
+        left_out = ("_mapped", "functions")
+        return {name: part for name, part in vars(self).items() if name not in left_out}
 
     def __setstate__(self, state: dict) -> None:
         vars(self).update(state)
@@ -206,6 +261,11 @@ class Points:
 
     def __len__(self) -> int:
         return len(self.weights)
+
+    @cached_property
+    def functions(self) -> PointFunctions:
+        """The polynomials through values at the points."""
+        return PointFunctions(self)
 
     def at(self, value: CoefficientFunction | float) -> np.ndarray:
         """A coefficient at the points, shape (points,) or (points, components); to be read only."""
@@ -256,7 +316,14 @@ class Points:
                 hoop = shapes / radii[points][:, :, None]
                 slopes = np.concatenate([slopes, hoop[..., None]], axis=3)
             yield Elements(
-                basis, averaged, shapes, nodes, points, self.weights[points], slopes
+                basis,
+                self.kinematics.size,
+                averaged,
+                shapes,
+                nodes,
+                points,
+                self.weights[points],
+                slopes,
             )
 
     def strain(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -374,4 +441,4 @@ def on_children(
 def interpolated(problem: Problem, value: CoefficientFunction) -> GridFunction:
     """The discontinuous polynomial with the values of a coefficient at the points of a problem."""
     points = Points(problem.mesh, problem.kinematics, problem.order)
-    return PointFunctions(points).function(points.at(value))
+    return points.functions.function(points.at(value))

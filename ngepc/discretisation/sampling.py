@@ -127,6 +127,10 @@ def cubics(dim: int, count: int) -> np.ndarray:
     return np.linalg.qr(np.stack(powers, axis=1))[0]
 
 
+AT_ONCE = 200_000
+"""Points of a boundary that are mapped together at most: each takes some hundred bytes."""
+
+
 @dataclass(frozen=True, eq=False)
 class HiddenRule:
     """An adaptive rule: points in one element, weights, and the values of a coefficient.
@@ -192,17 +196,30 @@ class Scan:
 
     def _hidden(self, numbers: np.ndarray) -> np.ndarray:
         """The elements whose lattice values no cubic function fits, beside the largest value."""
-        missed = np.zeros(len(numbers))
-        sizes = np.zeros(len(numbers))
+        sizes = missed = np.zeros(len(numbers))
         if len(numbers):
             basis = cubics(self.dim, self.count)
-            rule = lattice_rule(self.dim, self.count)
-        for k, number in enumerate(numbers.tolist()):
-            values = self._at(number, rule)
-            sizes[k] = np.abs(values).max()
-            missed[k] = np.abs(values - basis @ (basis.T @ values)).max()
+            values = self._on_lattice(numbers)
+            fitted = basis @ (basis.T @ values)
+            sizes = np.abs(values).max(axis=(1, 2))
+            missed = np.abs(values - fitted).max(axis=(1, 2))
         size = processes_of(self.mesh).maximum(sizes)
         return numbers[missed > FOLLOWED * size]
+
+    def _on_lattice(self, numbers: np.ndarray) -> np.ndarray:
+        """Values on the lattice, shape (elements, points, components).
+
+        A small boundary of simplices alone is evaluated at once.
+        """
+        rule = lattice_rule(self.dim, self.count)
+        shape = SIMPLICES[self.dim]
+        facets = self.mesh.GetNE(BND)
+        if self.kind == BND and facets * len(rule) <= AT_ONCE:
+            whole = self.mesh.Boundaries(".*")
+            if all(element.type == shape for element in whole.Elements()):
+                found = self.value(self.mesh.MapToAllElements({shape: rule}, whole))
+                return np.asarray(found).reshape(facets, len(rule), -1)[numbers]
+        return np.stack([self._at(number, rule) for number in numbers.tolist()])
 
     def at(
         self, number: int, shares: np.ndarray, value: CoefficientFunction

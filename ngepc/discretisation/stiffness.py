@@ -17,7 +17,7 @@ from ngsolve.comp import ProxyFunction, SumOfIntegrals
 from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix, tril
 
-from ngepc.discretisation.points import Elements, Moduli, PointFunctions, Points
+from ngepc.discretisation.points import Elements, Moduli, Points
 from ngepc.linalg.direct import both_triangles, lower_triangle
 
 
@@ -123,34 +123,38 @@ class ElementStiffness(Stiffness):
     def __init__(self, points: Points, free: np.ndarray) -> None:
         super().__init__(points.mesh, points.order, free)
         self._points = points
-        self._pairs = [
-            [self._pairs_of(part) for part in block.parts] for block in points.blocks
-        ]
+        blocks = [list(block.parts) for block in points.blocks]
+        most = max(part.nodes.size * part.nodes.shape[1] for b in blocks for part in b)
+        self._ones = np.ones(most)
+        self._gathers = [[self._gather(part) for part in block] for block in blocks]
 
-    def _pairs_of(self, part: Elements) -> tuple[np.ndarray, ...]:
-        """Blocks of some elements, the block of each pair of nodes, and whether to transpose it."""
-        a, b = np.tril_indices(part.nodes.shape[1])
+    def _gather(self, part: Elements) -> tuple[np.ndarray, csr_matrix]:
+        """Places of the blocks that some elements touch, and what sums their pairs to these.
+
+        The block of nodes i >= j takes the pair (a, b) of an element with its nodes in this order.
+        """
+        count, k = part.nodes.shape
+        a, b = np.tril_indices(k)
         i = part.nodes[:, a]
         j = part.nodes[:, b]
-        places = self.places(np.maximum(i, j), np.minimum(i, j))
-        touched, which = np.unique(places, return_inverse=True)
-        return touched.astype(np.int32), which.astype(np.int32).ravel(), i < j
+        pair = np.where(i >= j, k * a + b, k * b + a)
+        pair = pair + k * k * np.arange(count)[:, None]
+        places = self.places(np.maximum(i, j), np.minimum(i, j)).ravel()
+        order = np.argsort(places, kind="stable")
+        touched, first = np.unique(places[order], return_index=True)
+        starts = np.append(first, len(order)).astype(np.int32)
+        columns = pair.ravel()[order].astype(np.int32)
+        shape = (len(touched), count * k * k)
+        gather = csr_matrix((self._ones[: len(order)], columns, starts), shape=shape)
+        return touched.astype(np.int32), gather
 
     def summed(self, data: Moduli) -> np.ndarray:
         """See ``Stiffness``."""
         values = np.zeros((len(self.rows), self.N**2))
-        for block, pairs in zip(self._points.blocks, self._pairs, strict=True):
-            k = block.nodes.shape[1]
-            a, b = np.tril_indices(k)
-            for part, (touched, which, turned) in zip(block.parts, pairs, strict=True):
-                K = part.stiffness(data)
-                K = K.reshape(-1, k, self.N, k, self.N)[:, a, :, b, :].swapaxes(0, 1)
-                K[turned] = K[turned].swapaxes(1, 2)
-                found = [
-                    np.bincount(which, c, len(touched))
-                    for c in K.reshape(-1, self.N**2).T
-                ]
-                values[touched] += np.column_stack(found)
+        for block, gathers in zip(self._points.blocks, self._gathers, strict=True):
+            for part, (touched, gather) in zip(block.parts, gathers, strict=True):
+                K = part.stiffness(data).reshape(self.N**2, -1)
+                values[touched] += np.column_stack([gather @ one for one in K])
         return values.reshape(-1, self.N, self.N)
 
 
@@ -182,7 +186,7 @@ class SymbolicStiffness(Stiffness):
 
 def by_moduli(points: Points, free: np.ndarray) -> SymbolicStiffness:
     """The same as ``ElementStiffness``."""
-    functions = PointFunctions(points)
+    functions = points.functions
     kinematics = points.kinematics
     s = 1 + kinematics.d
     count = len(points)

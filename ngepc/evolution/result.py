@@ -12,6 +12,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, GridFunction
 
 from ngepc.checks.arguments import is_number
+from ngepc.discretisation.law import Law
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions, Points, on_children
@@ -66,7 +67,7 @@ class Memory:
         arrays = {name: points.at(v) for name, v in given.items()}
         if problem.material.overlay is not None:
             arrays |= law_of(problem, points).own_memory()
-        return cls(PointFunctions(points), arrays, problem.material)
+        return cls(points.functions, arrays, problem.material)
 
     def after_step(self, step: EvolutionStep) -> Memory:
         """The history after a step, from its displacement and its plastic strain."""
@@ -137,7 +138,7 @@ class Memory:
             k: on_children(v, before, points, parents) for k, v in self.arrays.items()
         }
         carried["accumulated"] = np.maximum(carried["accumulated"], 0.0)
-        return Memory(PointFunctions(points), carried, self.material)
+        return Memory(points.functions, carried, self.material)
 
     def problem(self, base: Problem, changes: Mapping[str, object]) -> Problem:
         """``base`` with the changes of a step and this memory as its initial state."""
@@ -212,19 +213,23 @@ class StepRecord:
 
     @classmethod
     def of(
-        cls, result: Result, fields: Fields, points: Points, **known: object
+        cls, result: Result, fields: Fields, before: Memory, **known: object
     ) -> StepRecord:
-        """The numbers of a step; ``known`` are ``time``, ``cuts`` and the bound."""
-        problem = fields.problem
-        forces = result.equilibrium.reactions
-        elastic = tensors(points, fields.elastic_strain)
-        plastic = tensors(points, fields.plastic_strain)
-        gained = points.at(fields.plastic_increment)
+        """The numbers of a step; ``known`` are ``time``, ``cuts`` and the bound.
 
-        lost = points.at(problem.beta) * np.linalg.norm(gained, axis=1)
+        ``before`` is the history at the beginning of the step.
+        """
+        problem = fields.problem
+        points = before.functions.points
+        forces = result.equilibrium.reactions
+        gained = points.at(fields.plastic_increment)
+        plastic = before.arrays["plastic_strain"] + gained
+        u = nodal(fields.displacement.vec.FV().NumPy(), problem)
         if isinstance(result, ExactResult):
             lost = result.discrete.law.lost(result.state.at)
-        size = np.sqrt((plastic**2).sum(axis=(1, 2)))
+        else:
+            lost = points.at(problem.beta) * np.linalg.norm(gained, axis=1)
+        size = np.linalg.norm(plastic, axis=1)
         vectors = ("contact_resultant", "reaction", "applied_force")
         return cls(
             **{name: getattr(result, name).tolist() for name in vectors},
@@ -232,7 +237,7 @@ class StepRecord:
             contact_force=float(result.contact_force),
             reactions={str(place): force.tolist() for place, force in forces.items()},
             primal_energy=float(result.primal_energy),
-            elastic_energy=elastic_energy(points, problem.material, elastic),
+            elastic_energy=energy_of_strains(problem, points, u, plastic),
             dissipation=points.integral(lost),
             max_plastic_strain=problem.processes.maximum(size),
             nodes=nodes_of(problem.mesh),
@@ -251,6 +256,32 @@ def largest_at_contact(result: Result) -> dict[str, float]:
         "max_contact_pressure": maximum(result.contact_pressure.vec.FV().NumPy()),
         "max_slip": maximum(slip),
     }
+
+
+def energy_of_strains(
+    problem: Problem, points: Points, u: np.ndarray, plastic: np.ndarray
+) -> float:
+    """1/2 int C e : e of e = eps(u) - eps_0 - p, from nodal u and coordinates of p.
+
+    In plane stress eps_zz is the one for which sigma_zz = 0.
+    """
+    kinematics = problem.kinematics
+    volume, deviator = points.strain(u)
+    if problem.initial_strain is not None:
+        swelling, distortion = Law.initial_parts(problem, points)
+        volume = volume - swelling
+        deviator = deviator - distortion
+    deviator = deviator - plastic
+    two_mu = points.at(2 * problem.material.lame_mu)
+    bulk = points.at(problem.material.lame_lambda) + two_mu / kinematics.size
+    if kinematics.thin:
+        n = kinematics.across
+        stress = bulk * volume + two_mu * (deviator @ n)
+        z = -stress / (bulk + two_mu * (n @ n))
+        volume = volume + z
+        deviator = deviator + z[:, None] * n
+    shear = np.einsum("pd,pd->p", deviator, deviator)
+    return points.integral(0.5 * (bulk * volume**2 + two_mu * shear))
 
 
 def tensors(points: Points, value: CoefficientFunction) -> np.ndarray:

@@ -48,7 +48,13 @@ UNCUT = (
 )  # statuses that a shorter step would not change
 
 StepSolver = Callable[..., Result]
-"""Called as solver(problem, start=displacement of the last step or None)."""
+"""Called as solver(problem, start=a displacement or None).
+
+The displacement is close to that of the step: the last one, or the line through the last two.
+"""
+
+LONGEST = 2.0
+"""A step up to so many times as long as the last one starts from the line through two steps."""
 
 
 def cold_start(solver: Callable, **settings: object) -> StepSolver:
@@ -98,8 +104,9 @@ def evolve(
         ``problem``: (1.0, {'gap': 0.1}).  Pairs begin at time 0; ``Schedule.listed(pairs, begin)``
         begins at another one.
     solver
-        Called as solver(problem, start=displacement of the last step), ``semismooth_newton`` or
-        ``primal_newton`` for example; ``cold_start`` wraps solvers that take no displacement.
+        Called as solver(problem, start=displacement), ``semismooth_newton`` or ``primal_newton``
+        for example; ``cold_start`` wraps solvers that take no displacement.  The displacement is
+        that of the last step, or the line through the last two of them at the new time.
         None for ``RepeatedSolver()``: the exact method, which keeps from step to step what does
         not change.
     cuts
@@ -306,18 +313,11 @@ class _Run:
 
     def solve_step(self, time: float, level: int) -> tuple[Status, str]:
         """One step, on meshes that follow its bound; how it ended."""
-        start = self.start
+        start = self._predicted(time)
         relative = None
         proved = None
         while True:
-            result = self.solver(self._problem_at(time), start=start)
-            if not isinstance(result, Result):
-                needed = (
-                    "a function that returns a result like those of ngepc's solvers"
-                )
-                raise TypeError(
-                    f"solver={self.solver!r} returned {result!r}: {needed} is needed"
-                )
+            result = self._solved(time, start)
             if not result.status.is_success:
                 return result.status, result.message
             if self.error is None:
@@ -335,10 +335,41 @@ class _Run:
         fields = Fields(result.problem, result.displacement, increment)
         known = {"time": time, "cuts": level, "error_bound": relative}
         known["guaranteed"] = proved
-        record = StepRecord.of(result, fields, functions.points, **known)
+        record = StepRecord.of(result, fields, self.evolution.memory, **known)
         rows = result.state.contact if isinstance(result, DiscreteSolution) else None
         self._append(EvolutionStep(fields, record, rows))
+        if result.status is Status.CONVERGED:  # what a message tells is dear to find
+            return result.status, ""
         return result.status, result.message
+
+    def _solved(self, time: float, start: GridFunction | None) -> Result:
+        """The result of a step from a start; from the last displacement if that fails."""
+        problem = self._problem_at(time)
+        for first in (start, self.start):
+            result = self.solver(problem, start=first)
+            if not isinstance(result, Result):
+                raise TypeError(
+                    f"solver={self.solver!r} returned {result!r}: a function that returns a "
+                    "result like those of ngepc's solvers is needed"
+                )
+            done = result.status.is_success or result.status in UNCUT
+            if done or first is self.start:
+                break
+        return result
+
+    def _predicted(self, time: float) -> GridFunction | None:
+        """Where a step starts: the line through the last two displacements, or the last one."""
+        steps = self.evolution.steps[-2:]
+        if len(steps) < 2:
+            return self.start
+        before, last = (step.fields.displacement for step in steps)
+        times = self.evolution.times
+        ratio = (time - times[-1]) / (times[-1] - times[-2])
+        if before.space.mesh is not last.space.mesh or not 0 < ratio <= LONGEST:
+            return self.start
+        start = GridFunction(last.space, name="start")
+        start.vec.data = (1 + ratio) * last.vec - ratio * before.vec
+        return start
 
     def _refine(self, bound: ErrorBound, time: float) -> str:
         """Continue on a finer mesh; a message if that is not possible."""

@@ -140,6 +140,7 @@ class FrictionCone:
         """The rows that friction acts on, from those that are closed, boolean of shape (m,)."""
         return closed | self.given
 
+    @cached_property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """The least and the largest forces where all bounds are given and d is at most 1."""
         most = np.tile(np.where(self.tied, 0.0, self.cap), self.d)
@@ -210,7 +211,7 @@ class FrictionCone:
         """The ``SmallProblem`` of ``secants``; where Newton's method fails the best that it saw."""
         convex = bool((self.given | self.tied).all())
         if self.d == 0 or (self.d == 1 and convex):
-            change, exact = exchange(W, gaps, forces, *self.box())
+            change, exact = exchange(W, gaps, forces, *self.box)
             if exact or self.d == 0:
                 return change, exact
         n, t = self.split(W.diagonal)

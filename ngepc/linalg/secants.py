@@ -70,6 +70,18 @@ class Compliance:
     def restart(self) -> None:
         """Take note of a new tangent K: what was learned becomes a guess."""
         self._learned: list[tuple[np.ndarray, np.ndarray]] = []
+        if self._columns.shape[1] > 2 * len(self._diagonal):
+            self._condense()
+
+    def _condense(self) -> None:
+        """Write W as C C' with as many columns as there are forces."""
+        try:
+            factor = np.linalg.cholesky(self.block(np.arange(len(self._diagonal))))
+        except np.linalg.LinAlgError:  # rounding
+            return
+        self._diagonal = np.zeros(len(factor))
+        self._columns = factor
+        self._signs = np.ones(len(factor))
 
     def learn(self, force: np.ndarray, answer: np.ndarray) -> bool:
         """Make W force = answer, where answer = S force; False if W knows it already."""

@@ -61,9 +61,9 @@ class ExactResult(DiscreteSolution):
         q = -w.reshape(len(w), -1, d).sum(axis=1)
         return self._functions.function(q, "q")
 
-    @cached_property
+    @property
     def _functions(self) -> PointFunctions:
-        return PointFunctions(self.discrete.points)
+        return self.discrete.points.functions
 
     @cached_property
     def dual_energy(self) -> float:

@@ -16,6 +16,7 @@ from ngepc.discretisation.prolongation import at_vertices
 from ngepc.discretisation.stiffness import Stiffness, by_moduli
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.direct import require_solver
+from ngepc.linalg.secants import Compliance
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.choice import DIRECT, fastest_solver, solver_name
 from ngepc.local.iterative import Iterative, IterativeTangent
@@ -32,7 +33,7 @@ from ngepc.model.features import (
     require_covered,
 )
 from ngepc.model.problem import Problem
-from ngepc.results.iteration import newton_iteration
+from ngepc.results.iteration import ExactTarget, newton_iteration
 from ngepc.results.options import NewtonOptions
 from ngepc.results.outcome import Monitor, Status
 from ngepc.results.result import DiscreteSolution
@@ -83,7 +84,8 @@ class RepeatedSolver:
     """Solves a sequence of similar problems by the exact method.
 
     Points, spaces, contact rows and the pattern of the tangent are kept as long as the data that
-    determine them do not change.
+    determine them do not change.  Nothing is kept that a solution has taught: a history that
+    continues from a file has the digits of one that was not interrupted.
 
     Parameters
     ----------
@@ -124,8 +126,16 @@ class RepeatedSolver:
         discrete = DiscreteProblem(problem, like=self._discrete)
         return self.solve_from(starting_state(discrete, start), monitor)
 
-    def solve_from(self, state: State, monitor: Monitor | None = None) -> ExactResult:
-        """Solve the problem of a state, from there."""
+    def solve_from(
+        self,
+        state: State,
+        monitor: Monitor | None = None,
+        compliance: Compliance | None = None,
+    ) -> ExactResult:
+        """Solve the problem of a state, from there.
+
+        ``compliance`` is a guess for that of the contact rows, which factors of tangents correct.
+        """
         before = self._discrete
         discrete = state.discrete
         tangent = self._tangent
@@ -135,8 +145,9 @@ class RepeatedSolver:
             tangent = tangent_of(discrete, self._chosen)
         self._discrete = discrete
         self._tangent = tangent if isinstance(tangent, Factors) else None
-        target = None
-        if isinstance(tangent, IterativeTangent):
+        iterative = isinstance(tangent, IterativeTangent)
+        target = ExactTarget(discrete, compliance)
+        if iterative:
             target = InexactTarget(discrete, tangent.forcing, self.options.tolerance)
         limits = self.options.tolerance, self.options.max_iterations
         made = partial(ExactResult, linear_solver=solver_name(self._chosen))
@@ -145,8 +156,9 @@ class RepeatedSolver:
         if failed and discrete.problem.processes.any(state.contact != 0):
             # Forces of another problem may lead nowhere under friction: once more without them.
             state = discrete.state(state.u)
-            result = newton_iteration(state, tangent, made, *limits, monitor, target)
-        gave_up = target is not None and result.status is Status.NONFINITE
+            again = target if iterative else None
+            result = newton_iteration(state, tangent, made, *limits, monitor, again)
+        gave_up = iterative and result.status is Status.NONFINITE
         if (
             gave_up
             and self.options.inverse is None

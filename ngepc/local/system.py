@@ -63,7 +63,7 @@ class DiscreteProblem(DiscreteBody):
 
     def floats_like(self, other: DiscreteProblem) -> bool:
         """Whether the same parts float, on springs of the same stiffness."""
-        alike = self.supports is other.supports
+        alike = self.supports.holds_like(other.supports)
         rows = self.contact.matrix is other.contact.matrix
         return alike and rows and same_fields(self.problem, other.problem, "material")
 
@@ -75,7 +75,7 @@ class DiscreteProblem(DiscreteBody):
         mine = self.problem
         steered = mine.rollers or self.floating.centres
         same = ("contact", "friction", "material")[: 3 if steered else 2]
-        alike = self.supports is other.supports
+        alike = self.supports.holds_like(other.supports)
         return alike and same_fields(mine, other.problem, *same)
 
     @cached_property

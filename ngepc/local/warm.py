@@ -1,18 +1,25 @@
 """Solutions with a first-order prediction, for the live laboratory.
 
-The factors of the last tangent are kept when the data change.  One linear solve with contact
+The factors of the last tangent are kept when the data change, and what is known of the compliance
+of the contact rows.  One linear solve with contact
 then gives the next solution to first order, and Newton's method starts from it.
 """
 
 from __future__ import annotations
 
+from scipy.sparse import csr_matrix
+
 from ngepc.discretisation.contact_step import with_contact
 from ngepc.linalg.direct import FactorisationError
+from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import RepeatedSolver
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import History, Status
+
+REMEMBERED = 2000
+"""Most contact forces whose compliance is kept, a matrix with so many rows."""
 
 
 class WarmSolver(RepeatedSolver):
@@ -20,6 +27,15 @@ class WarmSolver(RepeatedSolver):
 
     last: ExactResult | None = None  # the last solution
     _next: tuple[Problem, State] | None = None
+    _learned: tuple[csr_matrix, Compliance] | None = None
+
+    def _compliance(self, discrete: DiscreteProblem) -> Compliance:
+        """What is known of the compliance of the contact rows, from earlier solves too."""
+        rows = discrete.contact.matrix
+        known = self._learned
+        if known is None or known[0] is not rows or len(discrete.contact) > REMEMBERED:
+            self._learned = known = rows, discrete.compliance()
+        return known[1]
 
     def predict(self, problem: Problem) -> ExactResult | None:
         """The first-order prediction from the last solution; None if the tangent does not fit.
@@ -36,7 +52,7 @@ class WarmSolver(RepeatedSolver):
         before = self.last.state
         here = discrete.state(before.u, contact=before.contact)
         try:
-            compliance = discrete.compliance()
+            compliance = self._compliance(discrete)
             change, contact = with_contact(here, self._tangent.solve, compliance)
         except FactorisationError:
             return None
@@ -51,6 +67,13 @@ class WarmSolver(RepeatedSolver):
             self.predict(problem)
         near = self._next
         self._next = None
-        result = self.solve_from(near[1]) if near else self(problem, self.last)
+        if near is None:
+            result = self(problem, self.last)
+        else:
+            state = near[1]
+            compliance = self._compliance(state.discrete)
+            result = self.solve_from(state, compliance=compliance)
         self.last = result if result.status.is_success else None
+        if self.last is None:
+            self._learned = None
         return result

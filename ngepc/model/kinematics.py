@@ -17,6 +17,7 @@ plane strain and plane stress.
 
 import math
 from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement, product
 
 import numpy as np
 from ngsolve import (
@@ -128,14 +129,15 @@ class Kinematics:
 
     def tensor(self, p: CoefficientFunction) -> CoefficientFunction:
         """The trace-free symmetric tensor P(p) with the d coordinates ``p``."""
-        entries = np.moveaxis(self.basis, 0, -1).reshape(self.size**2, -1)
-        rows = [
-            sum(float(c) * p[i] for i, c in enumerate(row) if c)
-            if row.any()
-            else CF(0.0)
-            for row in entries
-        ]
-        return CF(tuple(rows), dims=(self.size, self.size))
+        parts = [p[i] for i in range(self.d)]
+        zero = CF(0.0)
+        entries = {}
+        for i, j in combinations_with_replacement(range(self.size), 2):
+            factors = self.basis[:, i, j].tolist()
+            terms = [c * q for c, q in zip(factors, parts, strict=True) if c]
+            entries[i, j] = entries[j, i] = sum(terms[1:], terms[0]) if terms else zero
+        every = product(range(self.size), repeat=2)
+        return CF(tuple(entries[pair] for pair in every), dims=(self.size, self.size))
 
     def deviator(self, A: CoefficientFunction) -> CoefficientFunction:
         """Dev A = A - tr(A)/size I."""

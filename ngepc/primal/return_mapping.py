@@ -26,7 +26,7 @@ from ngsolve.fem import CacheCF, NewtonCF
 
 from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.discretisation.law import SOFTEST
-from ngepc.discretisation.points import PointFunctions, Points
+from ngepc.discretisation.points import Points
 from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem
 
@@ -50,7 +50,7 @@ class DataOnMesh:
 
     def __init__(self, problem: Problem) -> None:
         self.points = Points(problem.mesh, problem.kinematics, problem.order)
-        self.functions = PointFunctions(self.points)
+        self.functions = self.points.functions
 
     def sampled(self, value: CoefficientFunction) -> GridFunction:
         """The function with the values of a coefficient at the points, as they are now."""

@@ -26,6 +26,7 @@ from ngepc.discretisation.contact_step import (
 )
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.linesearch import nearly_flat
+from ngepc.linalg.secants import Compliance
 from ngepc.results.outcome import History, IterationRecord, Monitor, Status
 
 log = logging.getLogger(__name__)
@@ -52,10 +53,15 @@ Its arguments are the state, the tangent, and the residual norm one iterate befo
 
 
 class ExactTarget:
-    """Newton's model solved exactly; the compliance of the contact rows is kept between steps."""
+    """Newton's model solved exactly; the compliance of the contact rows is kept between steps.
 
-    def __init__(self, body: DiscreteBody) -> None:
-        self._compliance = body.compliance()
+    ``compliance`` is a guess from another problem with the same rows, None for that of the body.
+    """
+
+    def __init__(
+        self, body: DiscreteBody, compliance: Compliance | None = None
+    ) -> None:
+        self._compliance = body.compliance() if compliance is None else compliance
 
     def __call__(
         self, here: Iterate, tangent: Any, before: float | None = None

@@ -17,7 +17,6 @@ from ngepc.checks.arguments import boundary_names, require_integer, require_vect
 from ngepc.checks.declared import Check, Declared, Text, Vector
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
 from ngepc.discretisation.loads import nodal
-from ngepc.discretisation.points import PointFunctions
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.equations import Data, equations_of_law
@@ -195,7 +194,7 @@ def _of_form(form: Form, state: State) -> Slope:
         state.discrete.problem.mesh,
     )
     law = discrete.law
-    functions = PointFunctions(discrete.points)
+    functions = discrete.points.functions
     kinematics = discrete.points.kinematics
     total = law.initial + state.at.plastic_strain
     mean, deviator = law.stress(state.at)

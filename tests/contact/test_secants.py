@@ -46,6 +46,18 @@ def test_compliance_knows_what_it_has_learned_and_stays_positive(rng):
     assert np.linalg.eigvalsh(dense).min() > 0
 
 
+def test_a_compliance_that_has_learned_much_is_condensed_to_the_same_matrix(rng):
+    S = spd(rng, 8, 1e3)
+    W = Compliance(np.ones(8))
+    for _ in range(3):
+        for v in rng.normal(size=(4, 8)):
+            W.learn(v, S @ v)
+        before = W.block(np.arange(8))
+        W.restart()
+        assert W.block(np.arange(8)) == pytest.approx(before, rel=1e-12)
+        assert W._columns.shape[1] <= 16
+
+
 @pytest.mark.parametrize("condition", [1e1, 1e5])
 def test_exchange_meets_the_conditions(rng, condition):
     for n in (1, 3, 20, 60):

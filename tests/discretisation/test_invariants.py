@@ -220,14 +220,21 @@ def some_moduli(points, random):
     d = random.normal(size=(len(points), points.kinematics.d))
     d /= np.linalg.norm(d, axis=1)[:, None]
     bulk, across = random.uniform(0.5, 2.0, size=(2, len(points)))
-    return Moduli(bulk, across, -across * random.uniform(0.0, 1.0, size=len(points)), d)
+    extra = -across * random.uniform(0.0, 1.0, size=len(points))
+    if random.integers(2):
+        return Moduli(bulk, across, extra, d)
+    size = 1 + points.kinematics.d
+    coupling = random.normal(size=(len(points), size, size))
+    return Moduli(bulk, across, extra, d, coupling + coupling.swapaxes(1, 2))
 
 
-@given(bodies, generators)
+@given(bodies, st.booleans(), generators)
 @TIGHT
-def test_the_filled_matrix_is_the_strain_law_and_forces_applied(body, random):
+def test_the_filled_matrix_is_the_strain_law_and_forces_applied(
+    body, mean_volume, random
+):
     """B' C B on what is free, the identity on what is held, twice in the same matrix."""
-    points, free = points_of(*body), supports_of(*body).free
+    points, free = points_of(*body, mean_volume), supports_of(*body).free
     stiffness = ElementStiffness(points, free)
     matrix = stiffness.matrix()
     right, left = (matrix.CreateColVector() for _ in range(2))
@@ -238,7 +245,7 @@ def test_the_filled_matrix_is_the_strain_law_and_forces_applied(body, random):
         right.FV().NumPy()[:] = u.ravel()
         left.data = matrix * right
         volume, deviator = points.strain(np.where(free, u, 0.0))
-        forces = points.forces(moduli.bulk * volume, moduli(deviator))
+        forces = points.forces(*moduli.stress(volume, deviator))
         assert close(left.FV().NumPy().reshape(u.shape), np.where(free, forces, u))
 
 
