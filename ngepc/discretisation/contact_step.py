@@ -20,9 +20,6 @@ FEW = 60
 
 SPRINGS = 1e4  # springs of rows over their stiffness, to invert a compliance (Woodbury)
 
-LOOSE = 1e5
-"""Factor by which springs of floating parts are softer in a search than in Newton's steps."""
-
 PROBES = 40
 DOUBT = 1e-6
 EXHAUSTED = 1e-8
@@ -160,9 +157,8 @@ def _other_forces(
     unit = (np.arange(len(here.contact)) == chosen[:, None]).astype(float)
     S = np.array([compliance(e)[chosen] for e in unit])
     sizes = S.diagonal().copy()
-    loose = here.body.floating.compliance[chosen]
-    S += LOOSE * loose @ loose.T
-    return cone.of(rows).rival(S, here.gaps[chosen], here.contact[chosen], sizes)
+    rigid = here.body.floating.compliance[chosen]
+    return cone.of(rows).rival(S, here.gaps[chosen], here.contact[chosen], sizes, rigid)
 
 
 def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:

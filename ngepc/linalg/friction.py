@@ -46,6 +46,14 @@ FACTORS = (0.5, 0.8, 1.25, 2.0)
 SHIFTS = (1.0, 0.1, -0.1, -1.0)
 """Gaps and slips of neighbouring problems, relative to the largest one."""
 
+SOFT_ENOUGH = 10.0
+SOFTER = 1e5
+"""Factors by which springs of floating parts are softer than in Newton's steps: in a search, where
+small problems of a pressed block are not solved with softer ones; and where states are tried."""
+
+RELEASES = 3
+"""How often springs of a floating part are released, each time to about 1e-4 of their force."""
+
 STARTS = 5 + 2 * len(FACTORS) + 2 * len(SHIFTS)
 """How many there are."""
 
@@ -278,17 +286,23 @@ class FrictionCone:
         gaps: np.ndarray,
         forces: np.ndarray,
         sizes: np.ndarray | None = None,
+        rigid: np.ndarray | None = None,
     ) -> np.ndarray | None:
         """Other forces that meet the law with the compliance S, None if none is found.
 
         All states are tried where the cone is ``enumerable``, else ``starts``.  ``sizes`` are the
-        compliances that differences are judged by, by default the diagonal of S.
+        compliances that differences are judged by, by default the diagonal of S.  ``rigid`` C
+        (n, k) are motions of floating parts, which springs with the compliance C C' hold; here
+        they are made softer.
         """
         sizes = S.diagonal() if sizes is None else sizes
+        rigid = np.zeros((len(forces), 0)) if rigid is None else rigid
+        rigid = rigid * (SOFTER if self.enumerable else SOFT_ENOUGH) ** 0.5
+        S = S + rigid @ rigid.T
         if self.enumerable:
             found = self.equilibria(S, gaps, forces, sizes)
         else:
-            found = self._from_starts(S, gaps, forces)
+            found = self._from_starts(S, gaps, forces, rigid)
         for other in found:
             apart = other - forces
             size = np.maximum(np.abs(other), np.abs(forces))
@@ -297,14 +311,28 @@ class FrictionCone:
         return None
 
     def _from_starts(
-        self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray
+        self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray, rigid: np.ndarray
     ) -> Iterator[np.ndarray]:
-        """Solutions from each of the starts that has one."""
+        """Solutions from each of the starts that has one.
+
+        Where springs hold a floating part, what they carry is taken off again, as often as leaves
+        nothing of it: they are no part of the body.
+        """
         W = Compliance.of(S)
+        passes = RELEASES if rigid.size else 1
         for start in self.starts(W, gaps, forces):
-            change, exact = self(W, gaps + S @ (start - forces), start)
+            x = start
+            there = gaps + S @ (start - forces)
+            carried = rigid.T @ (start - forces)
+            for _ in range(passes):
+                change, exact = self(W, there, x)
+                if not exact:
+                    break
+                x = x + change
+                carried = carried + rigid.T @ change
+                there = there + S @ change + rigid @ carried
             if exact:
-                yield start + change
+                yield x
 
     def starts(
         self, W: Compliance, gaps: np.ndarray, forces: np.ndarray

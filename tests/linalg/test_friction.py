@@ -298,8 +298,26 @@ def test_other_solutions_are_searched_from_starts():
     S = compliance(m * (1 + d), random)
     gaps = random.normal(size=len(S))
     x = rule(Compliance.of(S), gaps, np.zeros(len(S)))[0]
-    found = list(rule._from_starts(S, gaps + S @ x, x))
+    found = list(rule._from_starts(S, gaps + S @ x, x, np.zeros((len(x), 0))))
     assert len(found) > STARTS // 2
     for other in found:
         assert offence(rule, other, gaps + S @ other) < 1e-10
     assert rule.rival(S, gaps + S @ x, x) is None
+
+
+def test_springs_of_a_floating_part_carry_nothing_of_what_a_search_finds():
+    """Forces on a part that only contact holds balance the load, whatever the springs."""
+    rng = np.random.default_rng(3)
+    d = 2
+    m = 3
+    A = rng.standard_normal((m * (d + 1),) * 2)
+    S = A @ A.T + np.eye(len(A))
+    rigid = 30 * np.repeat(np.eye(d + 1), m, axis=0)  # the three translations
+    law = FrictionCone(np.full(m, np.inf), np.full(m, 0.3), np.zeros(m, dtype=bool), d)
+    forces = np.append(np.full(m, 1.0), np.zeros(m * d))
+    gaps = np.zeros(m * (d + 1))
+    load = rigid.T @ forces
+    found = list(law._from_starts(S + rigid @ rigid.T, gaps, forces, rigid))
+    assert found
+    for x in found:
+        np.testing.assert_allclose(rigid.T @ x, load, atol=1e-6 * np.abs(load).max())
