@@ -30,7 +30,7 @@ KINDS = (
 BISECTIONS = {"solid": 1}
 """How often all elements are bisected for the reference, in the plane twice."""
 
-HEAD = ("group", "problems", "refused", "complaints", "least margin", "median bound / error",
+HEAD = ("group", "problems", "complaints", "least margin", "median bound / error",
         "three quarters below")  # fmt: skip
 
 
@@ -157,17 +157,13 @@ class Crossings(Work):
         ]
 
     def solve(self, kind, seed, number):
-        """The verdict on one problem: "refused" for friction that acts where the gap opens."""
+        """The verdict on one problem; an error is a complaint."""
         draw = next(islice(random_draws(seed, kind), number - 1, None))
-        found = {"refused": False, "nodes": 0}
+        found = {"nodes": 0}
         found |= {"margin": math.nan, "effectivity": math.nan, "complaints": ()}
         try:
             pair = crossing(draw, kind, BISECTIONS.get(kind, 2))
         except Exception as error:  # any other one is a complaint
-            if kind.startswith("friction") and "the gap opens" in str(error).replace(
-                "\n", " "
-            ):
-                return found | {"refused": True}
             return found | {"complaints": (f"{type(error).__name__}: {error}",)}
         found |= {
             "nodes": pair.bound.problem.mesh.nv,
@@ -177,7 +173,7 @@ class Crossings(Work):
 
     def line(self, record):
         """One line about a problem."""
-        said = "refused" if record["refused"] else "; ".join(record["complaints"])
+        said = "; ".join(record["complaints"])
         return (
             f"{record['kind']} {record['number']}: {record['nodes']} nodes, "
             f"bound / error {record['effectivity']:.3g}  {said}"
@@ -201,7 +197,7 @@ class Crossings(Work):
             f"Random problems of `tests/campaigns/random_problems.py`, seed {self.seed}. For "
             "reference all elements are bisected twice, in space once; errors are the largest that "
             "the bounds there allow. Margin: how far each energy is above the lower bound of the "
-            "other mesh, in units of the bound. Refused: friction where the gap opens.",
+            "other mesh, in units of the bound.",
             *[f"- {label}: {'; '.join(texts)}" for label, texts in wrong],
         ]
 
@@ -212,7 +208,6 @@ def _row(kind, group):
     return [
         kind,
         len(group),
-        sum(r["refused"] for r in group),
         sum(bool(r["complaints"]) for r in group),
         f"{min((r['margin'] for r in judged), default=math.nan):.2g}",
         f"{np.median(ratios):.2f}",
