@@ -134,13 +134,17 @@ class ContactFacets:
     ) -> bool:
         """Lower u . n by a positive excess (facets,); whether supports forbid it somewhere.
 
-        The unknowns of the nodes (facets,) count ``value`` times.
+        The unknowns of the nodes (facets,) count ``value`` times.  Of several facets at a node
+        the one with the largest excess counts: the gap of each of them has to be kept.
         """
         n = np.where(self.discrete.supports.free[nodes], self.normal, 0.0)
         square = np.einsum("ec,ec->e", n, n)
-        deep = (excess > 0) & (square > LEVEL)
-        u[nodes[deep]] -= n[deep] * (excess[deep] / square[deep] / value)[:, None]
-        return bool(((excess > 0) & ~deep).any())
+        deep = np.flatnonzero((excess > 0) & (square > LEVEL))
+        forbidden = np.count_nonzero(excess > 0) > len(deep)
+        deep = deep[np.argsort(excess[deep], kind="stable")]
+        moves = n[deep] * (excess[deep] / square[deep] / value)[:, None]
+        u[nodes[deep]] = u[nodes[deep]] - moves  # the last of equal nodes is kept
+        return forbidden
 
     def pressure(self, multipliers: np.ndarray) -> np.ndarray:
         """P >= 0 at the vertices from forces of the rows (stress), (facets, N).
