@@ -29,11 +29,14 @@ from ngepc.model.support import rigid_motions
 ACCURACY = 1e-8
 """Relative residual of ``solve``, for callers that need accurate solutions."""
 
+CHUNK = 1_000_000
+"""Entries of a matrix that are filled at once: numpy makes arrays of indices of twice the size."""
+
 Preconditioner = Callable[[csr_matrix, csr_matrix], Linear]
 """A tangent, and the same with closed rows pinned -> a symmetric positive definite map of vectors.
 
 The first tangent determines the coarse spaces, the second one is preconditioned.  Each process has
-the matrices of its own elements.
+the matrices of its own elements.  Both matrices are the same objects in each call, with new values.
 """
 
 
@@ -84,11 +87,18 @@ class FullPattern:
         self.graph.eliminate_zeros()
         self.graph.sort_indices()
 
-    def matrix(self, lower: np.ndarray) -> csr_matrix:
-        """The matrix from its blocks, (blocks, N, N)."""
+    def matrix(self, lower: np.ndarray, before: csr_matrix | None = None) -> csr_matrix:
+        """The matrix from its blocks, (blocks, N, N), in the place of an earlier one."""
         source = self._source
-        values = lower.ravel()[source.data]
-        return csr_matrix((values, source.indices, source.indptr), shape=source.shape)
+        if before is None:
+            values = np.empty(len(source.data))
+            parts = values, source.indices, source.indptr
+            before = csr_matrix(parts, shape=source.shape)
+        flat = lower.ravel()
+        for first in range(0, len(source.data), CHUNK):
+            part = slice(first, first + CHUNK)
+            before.data[part] = flat[source.data[part]]
+        return before
 
 
 class IterativeTangent:
@@ -112,12 +122,14 @@ class IterativeTangent:
         self._pattern = FullPattern(stiffness)
         self._preconditioner = solver.preconditioner(self._pattern, body)
         self._lower: np.ndarray | None = None
+        self._pinned: csr_matrix | None = None
+        self.matrix: csr_matrix | None = None
         self.back_substitutions = self.linear_iterations = 0
 
     def linearise(self, here: Iterate) -> None:
         """Assemble the tangent at a state; the first solve makes a hierarchy."""
         self._lower = self._stiffness.values(here.moduli)
-        self.matrix = self._pattern.matrix(self._lower)
+        self.matrix = self._pattern.matrix(self._lower, self.matrix)
         self.back_substitutions = self.linear_iterations = 0
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
@@ -148,8 +160,9 @@ class IterativeTangent:
         size = np.trace(before[same], axis1=1, axis2=2)[:, None, None] / N
         after[same] += size * (np.eye(N) - padded[place[rows[hit[same]]]])
         values[hit] = after
-        self._lower, pinned = None, self._pattern.matrix(values)
-        self._precondition = self._preconditioner(self.matrix, pinned)
+        self._lower = None
+        self._pinned = self._pattern.matrix(values, self._pinned)
+        self._precondition = self._preconditioner(self.matrix, self._pinned)
 
     def solve(self, forces: np.ndarray, accuracy: float = ACCURACY) -> np.ndarray:
         """Displacements, zero where held, that answer nodal forces; both (nodes, N).

@@ -127,10 +127,16 @@ class PETScPreconditioner:
     def updated(self, matrix: csr_matrix, pinned: csr_matrix) -> Linear:
         """The preconditioner for a pinned tangent, see ``Preconditioner``."""
         if self._levels and self._spaces is None:
-            self._fill(matrix)
-            given = self._matrix, self._modes.T, self._graph, self._processes
+            whole = self._filled(matrix)
+            given = whole, self._modes.T, self._graph, self._processes
             self._spaces = interpolations(*given)
-        self._fill(pinned)
+            if whole is not self._matrix:
+                whole.destroy()
+        if self._matrix is None:
+            self._matrix = self._filled(pinned)
+        elif self._shared:
+            self._filled(pinned)
+        self._matrix.assemble()  # the values of ``pinned`` have changed in place
         if self._pc is None or not self._levels:
             self._create()
         self._pc.setUp()
@@ -156,22 +162,21 @@ class PETScPreconditioner:
         matrix.setPreallocationNNZ(counts)
         return matrix
 
-    def _fill(self, matrix: csr_matrix) -> None:
-        """Set the matrix to the sum of these matrices over the processes."""
+    def _filled(self, matrix: csr_matrix) -> object:
+        """The sum of these matrices over the processes; alone one that shares their arrays."""
         rows = matrix.indptr, matrix.indices
         if self._shared:
             self._matrix.zeroEntries()
             self._matrix.setValuesLocalIJV(*rows, matrix.data, addv=True)
-        elif self._matrix is None:
-            self._values = np.empty_like(matrix.data)
-            arrays = *rows, self._values
-            self._matrix = petsc.Mat().createAIJWithArrays(
-                len(rows[0]) - 1, arrays, comm=self._comm
-            )
-            self._matrix.setBlockSize(self._N)
-        if not self._shared:
-            self._values[:] = matrix.data
-        self._matrix.assemble()
+            self._matrix.assemble()
+            return self._matrix
+        arrays = *rows, matrix.data
+        whole = petsc.Mat().createAIJWithArrays(
+            len(rows[0]) - 1, arrays, comm=self._comm
+        )
+        whole.setBlockSize(self._N)
+        whole.assemble()
+        return whole
 
     def _create(self) -> None:
         if self._pc is not None:
