@@ -367,6 +367,15 @@ class Points:
                 )
         return self.processes.summed(result)
 
+    def cell_means(self, values: np.ndarray) -> np.ndarray:
+        """The mean over its element at each point, shape (points,)."""
+        means = np.empty(len(self))
+        for block in self.blocks:
+            shares = block.weights / block.weights.sum(axis=1, keepdims=True)
+            mean = (shares * values[block.points]).sum(axis=1)
+            means[block.points] = mean[:, None]
+        return means
+
     def integral(self, density: np.ndarray) -> float:
         """The integral of a density given at the points."""
         return self.processes.total(float(self.weights @ density))

@@ -140,6 +140,20 @@ class Memory:
         carried["accumulated"] = np.maximum(carried["accumulated"], 0.0)
         return Memory(points.functions, carried, self.material)
 
+    def as_bounds_need_it(self) -> Memory:
+        """The same history with one value of hardening on each element.
+
+        Between the points of an element the polynomial of alpha_1 or PEEQ may be negative, and so
+        may be its values at the points of smaller elements.  The mean is not.
+        """
+        arrays = dict(self.arrays)
+        names = ["hardening_variable"]
+        if self.material.law is not None:
+            names.append("accumulated")
+        for name in names:
+            arrays[name] = self.functions.points.cell_means(arrays[name])
+        return replace(self, arrays=arrays)
+
     def problem(self, base: Problem, changes: Mapping[str, object]) -> Problem:
         """``base`` with the changes of a step and this memory as its initial state."""
         step = base.changed(**changes)

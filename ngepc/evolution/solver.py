@@ -29,7 +29,6 @@ from ngepc.evolution.result import (
     EvolutionStep,
     Memory,
     StepRecord,
-    is_zero,
 )
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import RepeatedSolver
@@ -118,7 +117,8 @@ def evolve(
     error
         Refine the mesh in a step until ``ErrorBound.relative`` of the step, from the history that
         it starts with, is at most this; ``StepRecord.error_bound`` and ``.nodes`` say how it went.
-        None for the mesh as it is.
+        With order 2 the variable of isotropic hardening passes on to the next step as its mean over
+        each element.  None for the mesh as it is.
     refinement
         How meshes follow the bound; None for ``Refinement()``.
     accuracy
@@ -204,13 +204,6 @@ class _Run:
             if self.error is not None:
                 check_carried(step)
                 require_covered(step, "error=...", COVERS)
-                if step.order == 2 and not is_zero(step.material.isotropic_hardening):
-                    reason = (
-                        "whose variable may be negative where it is affine on cells"
-                    )
-                    raise ValueError(
-                        f"order=2: error= needs 1 with isotropic hardening, {reason}"
-                    )
         self.pending = [
             (time, 0) for time in reversed(self.schedule.times)
         ]  # (end, halvings)
@@ -388,6 +381,9 @@ class _Run:
         return ""
 
     def _append(self, step: EvolutionStep) -> None:
-        self.evolution.memory = self.evolution.memory.after_step(step)
+        memory = self.evolution.memory.after_step(step)
+        if self.error is not None:
+            memory = memory.as_bounds_need_it()
+        self.evolution.memory = memory
         self.evolution.steps.append(step)
         self.start = step.fields.displacement
