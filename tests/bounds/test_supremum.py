@@ -44,3 +44,12 @@ def test_nothing_on_the_arc_is_larger(arc):
     size = 1 + np.abs(values).max(axis=0)
     assert np.median((largest - values.max(axis=0)) / size) < 1e-3
     assert ((largest - values.max(axis=0)) / size).max() < 0.2
+
+
+def test_nowhere_on_the_arc_it_bends_less(arc):
+    """And at the end of the arc only the slope's part of the bound is not attained."""
+    angles = np.linspace(0, 1, 400)[:, None] * np.arccos(arc.end)
+    bends = arc._parts(np.cos(angles), np.sin(angles))[2]
+    least = arc._least_bend()
+    assert (least <= bends.min(axis=0) + 1e-12 * np.abs(bends).max(axis=0)).all()
+    assert (least >= bends[-1] - 2 * arc.slope - 1e-12 * np.abs(bends[-1])).all()

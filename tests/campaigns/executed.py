@@ -91,6 +91,15 @@ class Executed:
             self._lines[module] = found
         return self._lines[module]
 
+    def at_import(self, module, first, last):
+        """Whether one of the lines runs while modules are imported: values are made of it then."""
+        wanted = set(range(first, last + 1))
+        return any(
+            line in wanted and "" in contexts
+            for data in self._data
+            for line, contexts in lines_of(data, module)
+        )
+
     def tests(self, module, first, last):
         """The tests that execute one of the lines, the cheapest first.
 

@@ -29,6 +29,7 @@ from pathlib import Path
 
 from campaigns.executed import Executed, made
 from campaigns.mutations import mutations
+from campaigns.referee import TIMEOUT
 
 from ngepc.studies.work import Work
 
@@ -56,6 +57,7 @@ ROOMS = (
 ELSEWHERE = "local/petsc.py"  # its tests need another Python
 PLACES = re.compile(r"(?<![\w.])/[\w.-]+(?:/[\w.-]+)+")  # folders of this machine
 LEAST = 10  # mutants of each room
+MORE = 5
 GRACE = 10  # seconds of work beyond what the tests cost without a mutation
 KEPT = ("ngepc", "geometries", "notebooks", "tests", "docs", "benchmarks", "results")
 NOTE = (
@@ -196,13 +198,26 @@ class Mutants(Work):
             if stage and record["verdict"] == "survived":
                 taken, cost = self.affordable(stage, mutation, left)
                 left -= cost
-                found = self.bench.judge(module, mutation, taken, int(cost) + GRACE)
+                found = self.found(module, mutation, taken, int(cost) + GRACE)
                 record["tests"] += len(taken)
                 record["work"] += found["seconds"]
                 record |= verdict(found)
         if record["verdict"] == "killed":
             self.killers[tests_of(record)] += 1
         return record
+
+    def found(self, module, mutation, tests, seconds):
+        """What tests say about a mutant.
+
+        Where they do not end in time without it either, as fixtures may belong to other tests, they
+        get more.
+        """
+        again = self.executed.at_import(module, mutation.start[0], mutation.end[0])
+        found = self.bench.judge(module, mutation, tests, seconds, again)
+        late = found["code"] == TIMEOUT
+        if late and self.bench.asked(tests, seconds)["code"] == TIMEOUT:
+            found = self.bench.judge(module, mutation, tests, MORE * seconds, again)
+        return found
 
     def affordable(self, tests, mutation, seconds):
         """Some of the tests, one at least, that cost so many seconds at most, and what they cost.
@@ -385,8 +400,8 @@ class Bench:
             text=True,
         )
 
-    def judge(self, module, mutation, tests, seconds):
-        """What tests say about the package with a mutation.
+    def judge(self, module, mutation, tests, seconds, again=False):
+        """What tests say about the package with a mutation, imported ``again`` where asked.
 
         Python knows compiled files by the second in which the source changed: each mutant gets a
         second of its own.
@@ -398,7 +413,7 @@ class Bench:
         path.write_text(mutation.apply(text), encoding="utf-8")
         os.utime(path, (self.count, self.count))
         try:
-            return self.asked(tests, seconds, path=str(path), text=text)
+            return self.asked(tests, seconds, path=str(path), text=text, again=again)
         finally:
             path.write_text(text, encoding="utf-8")
             os.utime(path, ns=(before, before))

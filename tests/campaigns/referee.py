@@ -3,9 +3,9 @@
 It imports the libraries, and the tests and what they use of the package (``{"load": files}``).  A
 child that is to judge a mutant (``{"path": file, "tests": [...], "seconds": 20}``: the file has
 been written anew) puts the new code into the functions that have changed; where the change is none
-of a function's body it forgets all modules of the project, so that they are imported again.  The
-answer, ``{"code": 1, "by": "tests/...::test_...", "error": "...", "seconds": 1.3}``, is one
-line of JSON like the question.
+of a function's body, or with ``"again": true``, it forgets all modules of the project, so that they
+are imported again.  The answer, ``{"code": 1, "by": "tests/...::test_...", "error": "...",
+"seconds": 1.3}``, is one line of JSON like the question.
 """
 
 import contextlib
@@ -124,24 +124,39 @@ def forget(folder):
             del sys.modules[name]
 
 
+def broken(path):
+    """What is wrong with a module that cannot be imported, nothing if it can."""
+    name = Path(path).relative_to(os.getcwd()).with_suffix("").parts
+    try:
+        importlib.import_module(".".join(name))
+    except Exception as error:
+        told = f"{type(error).__name__}: {error}".split("\n")[0][:200]
+        return {"by": "its import", "error": told}
+    return {}
+
+
+def tested(tests, recorder):
+    """The exit code of pytest."""
+    words = ["-x", "-q", *QUIET, "--tb=short", *tests]
+    return int(pytest.main(words, plugins=[recorder]))
+
+
 def child(asked, answer):
     """Run tests and leave the process."""
     seconds = asked["seconds"]
     path = asked.get("path")
-    swapped = bool(path) and exchanged(path, asked["text"])
+    again = asked.get("again", False)
+    swapped = bool(path) and not again and exchanged(path, asked["text"])
     if path and not swapped:
         forget(os.getcwd())
     os.setpgrp()
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     recorder = Recorder()
+    recorder.first = broken(path) if path and not swapped else {}
     code = 3
     with contextlib.suppress(BaseException):
-        code = int(
-            pytest.main(
-                ["-x", "-q", *QUIET, "--tb=short", *asked["tests"]], plugins=[recorder]
-            )
-        )
+        code = 1 if recorder.first else tested(asked["tests"], recorder)
     Path(answer).write_text(
         json.dumps({"code": code, "swapped": swapped, **recorder.first})
     )
@@ -185,19 +200,37 @@ def judged(asked, log):
     return {**found, "seconds": round(spent() - before, 2)}
 
 
+def collected(*files):
+    """Import tests; none are run."""
+    pytest.main(["--collect-only", "-q", *QUIET, *files])
+
+
 def load(files, log):
     """Import tests in this process, with what they print in the log."""
     kept = [os.dup(1), os.dup(2)]
     os.dup2(log, 1)
     os.dup2(log, 2)
-    pytest.main(["--collect-only", "-q", *QUIET, *files])
+    collected("tests/conftest.py")
+    alone = [file for file in files if not starts_threads(file)]
+    collected(*alone)
     sys.stdout.flush()
     os.dup2(kept[0], 1)
     os.dup2(kept[1], 2)
     remember(os.getcwd())
     gc.collect()
     gc.freeze()
-    return {"loaded": len(files)}
+    return {"loaded": len(alone)}
+
+
+def starts_threads(file):
+    """Whether the import of a test does, as one that makes a mesh: children would miss them."""
+    pid = os.fork()
+    if pid == 0:
+        with contextlib.suppress(BaseException):
+            collected(file)
+            os._exit(min(len(os.listdir("/proc/self/task")) - 1, 1))
+        os._exit(1)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) != 0
 
 
 def main():

@@ -93,7 +93,7 @@ def bench(tmp_path, monkeypatch):
     """A project with one module."""
     room = tmp_path / "ngepc" / "room"
     room.mkdir(parents=True)
-    (room / "ten.py").write_text("check = float\n" + MODULE)
+    (room / "ten.py").write_text('check = float\nthird = "abc"[2]\n' + MODULE)
     (tmp_path / "tests").mkdir()
     shutil.copytree(
         mutants.ROOT / "tests" / "campaigns", tmp_path / "tests" / "campaigns"
@@ -128,4 +128,7 @@ def test_weak_and_strong_tests(bench):
     assert killed["why"].startswith("tests/test_strong.py::test_it: ")
     assert judged("force is None", "False", strong)["verdict"] == "killed"
     assert judged("2.0", "4.0", strong)["verdict"] == "killed"  # imported again
+    broken = judged("2", "3", strong)
+    why = "its import: IndexError: string index out of range"
+    assert broken == {"verdict": "killed", "why": why}
     assert path.read_text() == text

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngsolve import x, y
+from ngsolve import InnerProduct, Integrate, Trace, x, y
 
 from ngepc import Coulomb, Problem, Schedule, Status, evolve, load_cycle, lshape_problem
+from ngepc.discretisation.points import Points
 from ngepc.evolution.increments import Difference
 from ngepc.geometries import block, lshape
 from ngepc.studies.large import indented_block
@@ -130,3 +131,65 @@ def test_what_is_refused(tmp_path):
         evolve(problem, schedule, accuracy=0.1, checkpoint=tmp_path / "a.npz")
     with pytest.raises(ValueError, match="error"):
         evolve(problem, schedule, accuracy=0.1, error=0.1)
+
+
+def test_both_runs_are_those_of_their_times():
+    """Halved steps leave no trace, and the estimate is the difference of the two runs."""
+    problem, whole = nafems_nl1()
+
+    def over(times):
+        return evolve(problem, Schedule(times, whole.changes, begin=whole.begin))
+
+    listed = over((1.0, 2.5, 4.0))
+    schedule = Schedule(listed.times, whole.changes, begin=whole.begin)
+    found = evolve(problem, schedule, accuracy=0.03)
+    lengths = np.diff([0.0, *found.times])
+    assert lengths[0] > lengths[6]  # some are halved after others were accepted
+
+    fine = over(tuple(found.times))
+    coarse = over(tuple(found.times[1::2]))
+    for mine, other in zip(found.steps, fine.steps, strict=True):
+        for name in ("elastic_energy", "dissipation", "max_plastic_strain"):
+            value = getattr(other.record, name)
+            assert getattr(mine.record, name) == pytest.approx(value, rel=1e-12)
+
+    difference = Difference(found.memory.functions.points)
+    for step in (*listed.steps, *fine.steps):
+        difference.see(step)
+    apart = difference(fine.steps[-1], coarse.steps[-1])
+    assert found.time_error == pytest.approx(apart, rel=1e-9)
+
+
+def test_the_difference_is_relative_to_the_largest_so_far():
+    """Of (int C e : e)^(1/2), and of the force of contact, each against plain numbers."""
+    problem, whole = rubbing()
+    first, last = evolve(problem, Schedule((0.5, 1.0), whole.changes)).steps
+    points = Points(problem.mesh, problem.kinematics, problem.order)
+    mu, lame = problem.material.lame_mu, problem.material.lame_lambda
+
+    def norm(strain):
+        energy = 2 * mu * InnerProduct(strain, strain) + lame * Trace(strain) ** 2
+        return np.sqrt(Integrate(energy, problem.mesh, order=2))
+
+    strains = [step.fields.elastic_strain for step in (first, last)]
+    of_stress = norm(strains[1] - strains[0]) / max(norm(e) for e in strains)
+    difference = Difference(points)
+    difference.see(first)
+    assert difference(last, first) >= of_stress * (1 - 1e-12)
+
+    def without_force(step):
+        record = replace(step.record, contact_resultant=[0.0, 0.0])
+        return replace(step, record=record)
+
+    difference = Difference(points)
+    difference.see(without_force(first))
+    alone = difference(without_force(last), without_force(first))
+    assert alone == pytest.approx(of_stress, rel=1e-10)
+
+    forces = [np.array(step.record.contact_resultant) for step in (first, last)]
+    moved = replace(last.record, contact_resultant=(-2 * forces[0]).tolist())
+    difference = Difference(points)
+    difference.see(last)
+    apart = difference(replace(first, record=moved), first)  # the strains are the same
+    sizes = [np.linalg.norm(force) for force in forces]
+    assert apart == pytest.approx(3 * sizes[0] / max(sizes[1], 2 * sizes[0]), rel=1e-12)

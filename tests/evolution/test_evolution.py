@@ -128,6 +128,17 @@ def test_loading_and_reversal_match_the_closed_form(kind, mesh):
     )
 
 
+@pytest.mark.parametrize("solver", [semismooth_newton, primal_newton])
+@pytest.mark.parametrize("load", [1.0, 4.0])
+def test_what_yielding_dissipates(solver, load):
+    """The yield stress beta times the plastic strain: the stress is uniform, the area one."""
+    problem = bar(MATERIALS["kinematic"], block.structured_mesh(2, 2), load)
+    (step,) = evolve(problem, [(1.0, {})], solver).raise_for_status().steps
+    (gained,) = np.abs(plastic_strains([load], K, 0.0))
+    assert step.record.dissipation == pytest.approx(BOUND * gained, rel=1e-9, abs=1e-12)
+    assert (load > 2.0) == (gained > 1e-3)
+
+
 @pytest.mark.parametrize("kind", MATERIALS)
 def test_memory_is_that_of_the_flow_rule(kind):
     mesh, material = block.structured_mesh(2, 1), MATERIALS[kind]

@@ -1,0 +1,112 @@
+"""Pieces of the bounds beside plain statements: balance, the adjoint's rows, the third stress."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from ngsolve import x
+
+from ngepc import Material, Problem, Tabulated, semismooth_newton
+from ngepc.bounds.adjoint import AdjointProblem
+from ngepc.bounds.bound import bound_data_of, state_of
+from ngepc.bounds.conjugate import R6, Conjugate
+from ngepc.bounds.data import stress_coordinates
+from ngepc.bounds.integrand import completed_near
+from ngepc.discretisation.factors import Factors
+from ngepc.geometries import block
+
+METAL = Material.kinematic(
+    lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
+)
+
+
+def solved(material=METAL, **data):
+    """A block on a floor, and what its bounds start from."""
+    mesh = block.structured_mesh(3, 3, size=(1.0, 1.0), simplices=True)
+    result = semismooth_newton(Problem(mesh, material, order=1, **data))
+    setting = bound_data_of(result.discrete)
+    return setting, state_of(setting.discrete, result)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+@pytest.mark.parametrize("load", [(0.0, -2.0), (1.0, 2.0)])
+def test_stresses_are_put_into_equilibrium_with_other_loads(load, factor):
+    """Virtual work for displacements that keep the supports, whatever the sign of the defect."""
+    setting, state = solved(traction={"contact": load})
+    discrete = setting.discrete
+    points = discrete.points
+    given = factor * discrete.load
+    stress = setting.balanced(state, Factors(discrete, "sparsecholesky"), given)
+    random = np.random.default_rng(0)
+    for _ in range(3):
+        v = np.where(discrete.free, random.normal(size=given.shape), 0.0)
+        strain = stress_coordinates(*points.strain(v), 0.0)
+        work = points.integral(np.einsum("pc,pc->p", stress, strain))
+        assert work == pytest.approx(float((given * v).sum()), rel=1e-9)
+
+
+def test_the_third_stress_is_the_nearest():
+    """In plane strain: the energy of the difference to a given stress is least among all zeta."""
+    random = np.random.default_rng(0)
+    bulk = np.array([2.0, 3.0])
+    two_mu = np.array([1.5, 0.7])
+    law = SimpleNamespace(bulk=bulk, two_mu=two_mu)
+    stress = random.normal(size=(2, 5, 3))
+    wanted = random.normal(size=(2, 5, 4))
+    found = completed_near(stress, wanted, law, 1)
+
+    def energy(zeta):
+        mean = stress[..., 0] - zeta / R6
+        deviator = np.stack([stress[..., 1], zeta, stress[..., 2]], axis=-1)
+        square = ((deviator - wanted[..., 1:]) ** 2).sum(axis=2)
+        of_mean = (mean - wanted[..., 0]) ** 2 / bulk[:, None]
+        return of_mean + square / two_mu[:, None]
+
+    zeta = found[..., 2]
+    np.testing.assert_allclose(found[..., 0], stress[..., 0] - zeta / R6)
+    np.testing.assert_array_equal(found[..., [1, 3]], stress[..., 1:])
+    slope = (energy(zeta + 1e-3) - energy(zeta - 1e-3)) / 2e-3
+    np.testing.assert_allclose(slope, 0.0, atol=1e-10)
+
+
+def test_a_straight_law_beyond_yield_is_integrated_exactly():
+    """Where all stresses of a part are parallel: F is quadratic, so is (|s| - beta)^2."""
+    straight = Material.with_law(
+        lame_lambda=1e3, lame_mu=1e3, law=Tabulated((0.0, 5.0), (1.5, 301.5))
+    )
+    setting, _ = solved(straight, traction={"contact": (0.0, -1.0)})
+    conjugate = Conjugate(setting.discrete.law, 3).of(np.array([0]))
+    conjugate.whole = True
+    sizes = np.array([2.5, 4.0, 9.0, 3.0, 3.5, 5.0, 2.0, 8.0, 6.0]) * conjugate.beta
+    z = np.zeros((1, 9, 4))
+    z[0, :, 1] = 0.6 * sizes
+    z[0, :, 3] = 0.8 * sizes
+    middles = (np.ones((3, 3)) - np.eye(3)) / 2  # a rule that is exact for squares
+    values = np.matmul(middles, z.reshape(3, 3, 4))
+    exact = conjugate.value(conjugate.completed(values.reshape(1, 9, 4))).mean()
+    bound = conjugate.integrals(z, np.ones(1), np.zeros(1))
+    assert bound[0] == pytest.approx(exact, rel=1e-9)
+
+
+def test_rows_of_the_adjoint_that_touch_nothing_stay_within_their_gap():
+    """|c - z . n| <= lambda gap, for forces either way: rows are held where they were pushed."""
+    setting, state = solved(
+        contact="contact", gap=0.02 * (x - 0.3) ** 2 - 2e-3, traction={"right": (3, 0)}
+    )
+    adjoints = AdjointProblem(setting, state, np.zeros((0, 2)))
+    open_rows = ~adjoints.presses
+    assert open_rows.any()
+    assert adjoints.presses.any()
+    gap = np.maximum(state.gaps, 0.0)
+    for sign in (-1.0, 1.0):
+        forces = np.zeros_like(setting.discrete.load)
+        forces[:, 1] = sign
+        wanted = np.zeros(len(gap))
+        pushed = adjoints._rows @ adjoints.tangent.solve(forces).ravel()
+        factor = 0.1 * np.abs(pushed).max() / gap.max()
+        z = adjoints._steered(forces, wanted, factor)
+        moved = adjoints._rows @ z.ravel()
+        assert (np.abs(moved) <= factor * gap * (1 + 1e-9) + 1e-12).all()
+        held = open_rows & (np.abs(moved) >= factor * gap * (1 - 1e-9))
+        assert held.any()
+        np.testing.assert_array_equal(np.sign(moved)[held], np.sign(pushed)[held])
