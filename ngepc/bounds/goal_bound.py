@@ -49,8 +49,11 @@ REBUILDS = 2
 AGAIN = 1.5
 """An adjoint is computed anew if the best lambda is larger by this factor."""
 LARGEST = 1e12
-FIRST = 3.0
-"""The first lambda over (goal / twice the strain energy)^(1/2)."""
+FIRST = 1.2
+"""The first lambda over the goal per twice the strain energy, which have the same unit.
+
+Mostly it is below the best one: those that are tried are larger.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +230,7 @@ class GoalProblem:
         scale = abs(discrete)
         if terms.motion is not None:
             scale = max(scale, np.abs(self.bound.state.internal_forces).max())
-        factor = FIRST * math.sqrt(scale / (2 * energy)) if scale else 1.0
+        factor = FIRST * (scale or 1.0) / (2 * energy)
         best = self._candidate(terms, factor)
         for _ in range(REBUILDS):
             if best.factor < AGAIN * best.adjoint.least:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns.crossings import finer
+from ngsolve import x
 
 from ngepc import (
     ContactForceOn,
@@ -236,3 +237,36 @@ def test_facets_with_different_room_do_not_undo_each_other():
     assert least == 10.0
     off = np.abs(adjoints.off(terms, z))
     assert (off <= 10.0 * adjoints.room + 1e-6).all()
+
+
+def in_units(length, stress):
+    """A block below a parabola, in other units of length and stress."""
+    metal = Material.kinematic(
+        lame_lambda=1.5e3 * stress,
+        lame_mu=1e3 * stress,
+        yield_stress=5.0 * stress,
+        hardening=1e2 * stress,
+    )
+    mesh = block.structured_mesh(4, 4, size=(length, length), simplices=True)
+    gap = length * (0.1 * (x / length - 0.4) ** 2 - 4e-3)
+    traction = {"right": (2.0 * stress, 0)}
+    return Problem(mesh, metal, contact="contact", gap=gap, traction=traction)
+
+
+def contact_force(length):
+    return "contact_force"
+
+
+def displacement(length):
+    return DisplacementAt((0.4 * length, 0.6 * length), 0)
+
+
+@pytest.mark.parametrize(("length", "stress"), [(1e3, 1.0), (1.0, 1e6), (1e-3, 1e9)])
+def test_intervals_do_not_depend_on_units(length, stress):
+    """In millimetres and megapascals they are as narrow as in metres and pascals."""
+    one = semismooth_newton(in_units(1.0, 1.0))
+    other = semismooth_newton(in_units(length, stress))
+    for goal in (contact_force, displacement):
+        first = goal_bound(one, goal(1.0)).percent
+        second = goal_bound(other, goal(length)).percent
+        assert second == pytest.approx(first, rel=0.05)

@@ -17,8 +17,11 @@ from ngepc.results.records import FIELDS
 
 
 def record_of(capsys, *arguments):
+    begin = time.perf_counter()
     assert main(["solve", *arguments, "--json", "-"]) == 0
-    return json.loads(capsys.readouterr().out)
+    record = json.loads(capsys.readouterr().out)
+    assert 0 < record["wall_time_s"] < time.perf_counter() - begin
+    return record
 
 
 @pytest.mark.parametrize("choice", [["--gamma", "1e3"], [], ["--method", "primal"]])
@@ -129,6 +132,24 @@ def test_not_converged_is_exit_status_1_with_the_json_written(tmp_path, capsys):
     arguments = ["solve", "lshape", "--nodes", "113", "--max-iterations", "2"]
     assert main([*arguments, "--json", str(target)]) == 1
     assert json.loads(target.read_text())["status"] == "iteration_limit"
+
+
+@pytest.mark.parametrize(
+    ("choice", "named"), [([], True), (["--quiet"], False), (["--json", "-"], False)]
+)
+def test_files_are_named_where_nothing_else_is_wanted(choice, named, tmp_path, capsys):
+    kept = tmp_path / "run.npz"
+    arguments = ["lshape", "--nodes", "33", "--save", str(kept), *choice]
+    assert main(["solve", *arguments]) == 0
+    written = capsys.readouterr().out
+    assert kept.exists()
+    assert (f"wrote {kept}\n" in written) == named
+
+
+def test_states_that_are_no_solution_have_no_bound(capsys):
+    arguments = ["lshape", "--nodes", "113", "--max-iterations", "1", "--json", "-"]
+    assert main(["solve", *arguments]) == 1
+    assert json.loads(capsys.readouterr().out)["error_bound"] is None
 
 
 def test_an_error_that_no_allowed_mesh_reaches_is_exit_status_1(monkeypatch, capsys):

@@ -11,6 +11,7 @@ from ngsolve import (
     CoefficientFunction,
     Grad,
     GridFunction,
+    HDiv,
     IfPos,
     InnerProduct,
     Integrate,
@@ -59,6 +60,7 @@ S = GridFunction(L2(MESH, order=3))
         (Sym(Grad(U)), 2),
         (2 * S, 3),
         (GridFunction(SurfaceL2(MESH, order=1)), 1),
+        (GridFunction(HDiv(MESH, order=1)), 2),
     ],
 )
 def test_degrees(value, degree):
