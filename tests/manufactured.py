@@ -137,9 +137,9 @@ def stretched_and_pressed(
         material,
         clamped="clamped",
         traction={
-            "left": CF((-sigma[0, 0], -sigma[1, 0])),
-            "right": CF((sigma[0, 0], sigma[1, 0])),
-            "contact": CF((sigma[0, 1], sigma[1, 1] + pi)),
+            "left": CF((-sigma[0, 0], -sigma[1, 0])).Compile(),
+            "right": CF((sigma[0, 0], sigma[1, 0])).Compile(),
+            "contact": CF((sigma[0, 1], sigma[1, 1] + pi)).Compile(),
         },
         body_force=f,
         contact="contact",

@@ -37,6 +37,9 @@ PRODUCTS = re.compile(
 CHOICE = re.compile(r".*IfPosCoefficientFunction.*")
 ON_FACET = re.compile(".*BoundaryFromVolume.*")
 ORIENTATION = ("innerproduct.*", "normal vector", ON_FACET)
+LINE = re.compile(r"^( *)coef (.*?)(, (real|complex)\b.*)?$", re.MULTILINE)
+COMPILED = "Compiled CF"
+"""How the text of a compiled coefficient begins; that of a sum with it can have a hundred MB."""
 SAME = "same vectors"
 """How NGSolve marks an inner product of something with itself, which it prints once."""
 
@@ -60,6 +63,8 @@ def degree_of(value: CoefficientFunction) -> float:
 
     All functions of finite elements in it count with the highest order among them.
     """
+    if str(value).startswith(COMPILED):
+        return math.inf
     functions = [
         leaf for leaf in leaves_of(value, FUNCTION) if isinstance(leaf, GridFunction)
     ]
@@ -75,10 +80,14 @@ def degree_of(value: CoefficientFunction) -> float:
 
 def _all_known(text: str) -> bool:
     """Whether the degree of each kind of part is known; a part is printed wherever it is used."""
-    kinds = "\n".join({line.strip() for line in text.split("\n")})
-    names = {_plain(name) for _, name in _lines(kinds)}
     known = (FUNCTIONS, CONSTANTS, COORDINATES, SUMS, CHOICE, PRODUCTS, ON_FACET)
-    return all(any(kind.fullmatch(name) for kind in known) for name in names)
+    met = set()
+    for _, name in _lines(text):
+        if name not in met:
+            met.add(name)
+            if not any(kind.fullmatch(_plain(name)) for kind in known):
+                return False
+    return True
 
 
 def _plain(name: str) -> str:
@@ -95,10 +104,8 @@ def _order(function: GridFunction) -> int:
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Depth and name of each part of an expression."""
-    for line in text.split("\n"):
-        found = re.fullmatch(r"( *)coef (.*?)(, (real|complex)\b.*)?", line)
-        if found:
-            yield len(found.group(1)), found.group(2).strip()
+    for found in LINE.finditer(text):
+        yield len(found.group(1)), found.group(2).strip()
 
 
 def _degree(lines: list[tuple[int, str]], at: int, order: int) -> tuple[float, int]:

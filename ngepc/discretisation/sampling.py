@@ -3,15 +3,16 @@
 Polynomials on elements are integrated by rules that are exact for them.  Any other coefficient is
 first sampled on a lattice of points.  If a cubic function does not fit the lattice values, the
 element is cut into the parts of the lattice, and these are cut again where the values at their
-corners differ.  Features narrower than the lattice can still be missed.
+corners differ.  Neighbouring parts whose values a quadratic function fits are integrated together.
+Features narrower than the lattice can still be missed.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations_with_replacement, permutations
-from math import factorial
 
 import numpy as np
 from ngsolve import (
@@ -27,6 +28,7 @@ from ngsolve import (
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.polynomials import is_polynomial
+from ngepc.model.elements import has_straight_simplices
 from ngepc.model.processes import processes_of
 
 SIMPLICES = {1: ET.SEGM, 2: ET.TRIG, 3: ET.TET}
@@ -42,7 +44,14 @@ LEVELS = {1: 12, 2: 4, 3: 1}
 STEEP = {1: 0.01, 2: 0.05, 3: 0.1}
 """A part is cut if its corners differ by more than this part of the variation in the element."""
 FOLLOWED = 1e-4
-"""Part of the largest value that a cubic function may miss on an element that rules integrate."""
+"""Part of the largest value that a cubic function may miss on an element that rules integrate.
+
+A quadratic function may miss as much of the variation in an element on a group of parts.
+"""
+GROUPED = {1: 4, 2: 4, 3: 3}
+"""Parts of an edge that form a group, by dimension."""
+GROUP_DEGREE = 4
+"""Of the rule on a group, for quadratic functions, their squares and products with shapes."""
 
 
 @cache
@@ -78,27 +87,39 @@ def parts_of_edges(mesh: Mesh, kind: object) -> int:
     dim = mesh.dim if inside else mesh.dim - 1
     finest = FINEST_FACET if dim == 2 and not inside else FINEST[dim]
     elements = mesh.ne if inside else mesh.GetNE(BND)
-    each = MOST_POINTS * factorial(dim) / max(elements, 1)
-    return int(min(finest, max(COARSEST[dim], each ** (1 / dim))))
+    each = MOST_POINTS * math.factorial(dim) / max(elements, 1)
+    wanted = min(finest, max(COARSEST[dim], each ** (1 / dim)))
+    return math.ceil(wanted / GROUPED[dim]) * GROUPED[dim]
 
 
 def rule_at(shares: np.ndarray) -> IntegrationRule:
     """NGSolve's rule with these barycentric points (q, dim + 1), all weights zero."""
-    places = [tuple(place) for place in shares[:, :-1].tolist()]
+    places = list(zip(*shares[:, :-1].T.tolist(), strict=True))
     return IntegrationRule(places, [0.0] * len(places))
 
 
-def cut(corners: np.ndarray) -> np.ndarray:
-    """The 2^dim parts of each of some simplices, corners (parts, dim + 1, dim + 1)."""
+def cut(corners: np.ndarray, count: int = 2) -> np.ndarray:
+    """The count^dim parts of each of some simplices, corners (parts, dim + 1, dim + 1)."""
     dim = corners.shape[2] - 1
-    children = np.einsum("cab,pbd->pcad", parts_of_simplex(dim, 2), corners)
+    children = np.einsum("cab,pbd->pcad", parts_of_simplex(dim, count), corners)
     return children.reshape(-1, dim + 1, dim + 1)
+
+
+def groups_of_parts(dim: int, count: int) -> np.ndarray:
+    """The groups of the parts of a lattice, barycentric corners (groups, dim + 1, dim + 1)."""
+    return parts_of_simplex(dim, count // GROUPED[dim])
+
+
+@cache
+def lattice_parts(dim: int, count: int) -> np.ndarray:
+    """The parts of a lattice, group after group, barycentric corners (parts, dim + 1, dim + 1)."""
+    return cut(groups_of_parts(dim, count), GROUPED[dim])
 
 
 @cache
 def lattice(dim: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Which lattice point is which corner of ``parts_of_simplex``, and the points (q, dim + 1)."""
-    corners = parts_of_simplex(dim, count)
+    """Which lattice point is which corner of ``lattice_parts``, and the points (q, dim + 1)."""
+    corners = lattice_parts(dim, count)
     keys = (corners.reshape(-1, dim + 1) * count).round().astype(int)
     points, index = np.unique(keys, axis=0, return_inverse=True)
     return index.reshape(corners.shape[:2]), points / count
@@ -112,8 +133,8 @@ def lattice_rule(dim: int, count: int) -> IntegrationRule:
 
 @cache
 def centre_rule(dim: int, count: int) -> IntegrationRule:
-    """The centres of ``parts_of_simplex`` as a rule of NGSolve."""
-    return rule_at(parts_of_simplex(dim, count).mean(axis=1))
+    """The centres of ``lattice_parts`` as a rule of NGSolve."""
+    return rule_at(lattice_parts(dim, count).mean(axis=1))
 
 
 @cache
@@ -128,7 +149,74 @@ def cubics(dim: int, count: int) -> np.ndarray:
 
 
 AT_ONCE = 200_000
-"""Points of a boundary that are mapped together at most: each takes some hundred bytes."""
+"""Points that are looked at together at most: each takes some hundred bytes."""
+
+
+@cache
+def group_basis(dim: int) -> np.ndarray:
+    """An orthonormal basis of the quadratic functions where a group is sampled, (q, functions).
+
+    These are the corners and centres of its parts, one part after the other.
+    """
+    corners = parts_of_simplex(dim, GROUPED[dim])
+    points = with_centres(corners).reshape(-1, dim + 1)
+    first, second = np.transpose(list(combinations_with_replacement(range(dim + 1), 2)))
+    return np.linalg.qr(points[:, first] * points[:, second])[0]
+
+
+@cache
+def group_rule(dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric points of a rule for one group, (q, dim + 1), and weights with the sum one."""
+    rule = IntegrationRule(SIMPLICES[dim], GROUP_DEGREE)
+    inside = np.array(rule.points)[:, :dim]
+    shares = np.column_stack([inside, 1 - inside.sum(axis=1)])
+    weights = np.array(rule.weights)
+    return shares, weights / weights.sum()
+
+
+def with_centres(corners: np.ndarray) -> np.ndarray:
+    """The corners of parts and their centres, (parts, dim + 2, .)."""
+    return np.concatenate([corners, corners.mean(axis=1, keepdims=True)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Parts of one element, and the values of a coefficient at their corners and centres.
+
+    ``corners`` (parts, dim + 1, dim + 1) are barycentric, ``values`` (parts, dim + 2, k); ``size``
+    (parts,) are parts of the element's, zero where a group is integrated as a whole.
+    """
+
+    corners: np.ndarray
+    values: np.ndarray
+    size: np.ndarray
+
+    def differences(self) -> np.ndarray:
+        """By how much the values differ on each part, (parts, k)."""
+        return np.ptp(self.values, axis=1)
+
+    def chosen(self, mask: np.ndarray) -> Parts:
+        """Some of the parts."""
+        return Parts(self.corners[mask], self.values[mask], self.size[mask])
+
+    @classmethod
+    def joined(cls, several: list[Parts]) -> Parts:
+        """All of several."""
+        fields = ((p.corners, p.values, p.size) for p in several)
+        return cls(*(np.concatenate(field) for field in zip(*fields, strict=True)))
+
+
+def smooth_groups(values: np.ndarray, dim: int) -> np.ndarray:
+    """Which groups of the parts of a lattice have values that a quadratic function fits.
+
+    ``values`` (parts, dim + 2, k) are those at the corners and centres of all parts.
+    """
+    basis = group_basis(dim)
+    components = values.shape[2]
+    of_groups = values.reshape(-1, len(basis), components)
+    missed = of_groups - basis @ (basis.T @ of_groups)
+    varies = np.ptp(values, axis=(0, 1))
+    return (np.abs(missed).max(axis=1) <= FOLLOWED * varies).all(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,13 +284,17 @@ class Scan:
 
     def _hidden(self, numbers: np.ndarray) -> np.ndarray:
         """The elements whose lattice values no cubic function fits, beside the largest value."""
-        sizes = missed = np.zeros(len(numbers))
+        sizes = np.zeros(len(numbers))
+        missed = np.zeros(len(numbers))
         if len(numbers):
             basis = cubics(self.dim, self.count)
-            values = self._on_lattice(numbers)
-            fitted = basis @ (basis.T @ values)
-            sizes = np.abs(values).max(axis=(1, 2))
-            missed = np.abs(values - fitted).max(axis=(1, 2))
+            together = max(AT_ONCE // len(basis), 1)
+            for first in range(0, len(numbers), together):
+                some = slice(first, first + together)
+                values = self._on_lattice(numbers[some])
+                fitted = basis @ (basis.T @ values)
+                sizes[some] = np.abs(values).max(axis=(1, 2))
+                missed[some] = np.abs(values - fitted).max(axis=(1, 2))
         size = processes_of(self.mesh).maximum(sizes)
         return numbers[missed > FOLLOWED * size]
 
@@ -236,36 +328,57 @@ class Scan:
         return np.asarray(found).reshape(len(rule), -1)
 
     def rule(self, number: int) -> HiddenRule:
-        """Points of degree two on the parts of the lattice, cut where values differ."""
+        """Points on the parts of the lattice, cut where values differ, and on smooth groups."""
         dim = self.dim
-        corners = parts_of_simplex(dim, self.count)
-        index = lattice(dim, self.count)[0]
-        values = self._at(number, lattice_rule(dim, self.count))[index]
-        centres = self._at(number, centre_rule(dim, self.count))
-        values = np.concatenate([values, centres[:, None]], axis=1)
-        size = np.full(len(corners), 1 / len(corners))
-        varies = np.ptp(values, axis=(0, 1))
+        parts, groups = self._sampled(number)
+        limit = STEEP[dim] * np.ptp(parts.values, axis=(0, 1))
         kept = []
         for level in range(LEVELS[dim] + 1):
-            steep = (np.ptp(values, axis=1) > STEEP[dim] * varies).any(axis=1)
+            steep = (parts.differences() > limit).any(axis=1)
             if level == LEVELS[dim] or not steep.any():
                 break
-            kept.append((corners[~steep], values[~steep], size[~steep]))
-            corners = cut(corners[steep])
-            size = np.repeat(size[steep] / 2**dim, 2**dim)
-            values = self._at_corners(number, corners)
-        kept.append((corners, values, size))
-        differences = np.ptp(values[steep], axis=1)
-        unresolved = size[steep] @ differences**2
-        corners, values, size = (np.concatenate(a) for a in zip(*kept, strict=True))
-        shares = np.matmul(degree_two(dim), corners).reshape(-1, dim + 1)
+            kept.append(parts.chosen(~steep))
+            parts = self._cut(number, parts.chosen(steep))
+        unresolved = parts.size[steep] @ parts.differences()[steep] ** 2
+
+        parts = Parts.joined([*kept, parts])
+        shares, weights = points_on(groups, parts)
         rule = rule_at(shares)
-        measure = self._measure(number, rule)
-        weights = np.repeat(size / (dim + 1), dim + 1) * measure
-        unresolved = unresolved * weights.sum()
-        there = self._at(number, rule)
-        places = np.concatenate([corners, corners.mean(axis=1, keepdims=True)], axis=1)
-        return HiddenRule(shares, weights, there, places, values, unresolved)
+        weights = weights * self._measure(number, rule)
+        return HiddenRule(
+            shares=shares,
+            weights=weights,
+            values=self._at(number, rule),
+            corners=with_centres(parts.corners),
+            at_corners=parts.values,
+            unresolved=unresolved * weights.sum(),
+        )
+
+    def _sampled(self, number: int) -> tuple[Parts, np.ndarray]:
+        """The parts of the lattice, and the groups of them that are integrated as one.
+
+        In these no part has values that differ much.
+        """
+        dim = self.dim
+        corners = lattice_parts(dim, self.count)
+        index = lattice(dim, self.count)[0]
+        at_lattice = self._at(number, lattice_rule(dim, self.count))[index]
+        centres = self._at(number, centre_rule(dim, self.count))
+        values = np.concatenate([at_lattice, centres[:, None]], axis=1)
+
+        groups = groups_of_parts(dim, self.count)
+        steep = np.ptp(values, axis=1) > STEEP[dim] * np.ptp(values, axis=(0, 1))
+        smooth = smooth_groups(values, dim)
+        smooth &= ~steep.reshape(len(groups), -1).any(axis=1)
+        each = len(corners) // len(groups)
+        size = np.where(np.repeat(smooth, each), 0.0, 1 / len(corners))
+        return Parts(corners, values, size), groups[smooth]
+
+    def _cut(self, number: int, parts: Parts) -> Parts:
+        """The 2^dim parts of each of some parts."""
+        corners = cut(parts.corners)
+        size = np.repeat(parts.size / 2**self.dim, 2**self.dim)
+        return Parts(corners, self._at_corners(number, corners), size)
 
     def _at_corners(self, number: int, corners: np.ndarray) -> np.ndarray:
         """Values at corners and centres of parts of an element, (parts, dim + 2, .)."""
@@ -280,6 +393,23 @@ class Scan:
 
     def _measure(self, number: int, rule: IntegrationRule) -> np.ndarray:
         """The size of the element by the Jacobian at the points of a rule, (points,)."""
+        if has_straight_simplices(self.mesh):
+            rule = rule_at(np.full((1, self.dim + 1), 1 / (self.dim + 1)))
         jacobian = specialcf.JacobianMatrix(self.mesh.dim, self.dim)
         J = self._at(number, rule, jacobian).reshape(-1, self.mesh.dim, self.dim)
-        return np.sqrt(np.linalg.det(J.swapaxes(1, 2) @ J)) / factorial(self.dim)
+        return np.sqrt(np.linalg.det(J.swapaxes(1, 2) @ J)) / math.factorial(self.dim)
+
+
+def points_on(groups: np.ndarray, parts: Parts) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric points on groups and on parts, (q, dim + 1), and weights with the sum one."""
+    dim = groups.shape[2] - 1
+    alone = parts.chosen(parts.size > 0)
+    inside, of_group = group_rule(dim)
+    on_groups = np.matmul(inside, groups).reshape(-1, dim + 1)
+    on_parts = np.matmul(degree_two(dim), alone.corners).reshape(-1, dim + 1)
+
+    left = 1 - alone.size.sum()
+    group_weights = np.tile(of_group * left / max(len(groups), 1), len(groups))
+    part_weights = np.repeat(alone.size / (dim + 1), dim + 1)
+    shares = np.concatenate([on_groups, on_parts])
+    return shares, np.concatenate([group_weights, part_weights])

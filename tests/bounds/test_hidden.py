@@ -80,6 +80,37 @@ def test_what_rules_miss_is_integrated(kind, value, exact, part):
     assert found == pytest.approx(exact, rel=part)
 
 
+def test_smooth_parts_of_an_element_are_integrated_together():
+    """A kink: |x - 0.55|, with a few percent of the points that all parts would need."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    scan = Scan(mesh, sqrt((x - 0.55) ** 2), VOL)
+    rules = [scan.rule(number) for number in scan.hidden.tolist()]
+    found = sum(float(rule.weights @ rule.values[:, 0]) for rule in rules)
+    assert len(rules) == 4
+    assert found == pytest.approx((0.05**2 + 0.45**2) / 2, rel=1e-5)
+    every = 3 * len(rules[0].corners)
+    assert max(len(rule.weights) for rule in rules) < every / 3
+
+
+@pytest.mark.parametrize("kind", [VOL, BND])
+def test_what_one_sample_sees_is_no_part_of_a_smooth_group(kind):
+    """Spots around one centre or one corner of the lattice are cut out of any group."""
+    mesh = block.structured_mesh(1, 1, simplices=True)
+    scan = Scan(mesh, sin(7 * x) + 0.1, kind)
+    number = int(scan.hidden[0])
+    usual = scan.rule(number)
+    for place in usual.corners[len(usual.corners) // 2][[0, -1]]:
+        point = scan.at(number, place[None], CF((x, y)))[0]
+        away = (x - float(point[0])) ** 2 + (y - float(point[1])) ** 2
+        spotted = sin(7 * x) + 0.1 + IfPos(1e-8 - away, 1.0, 0.0)
+        rule = Scan(mesh, spotted, kind).rule(number)
+        nearest, before = (
+            np.abs(r.shares - place).max(axis=1).min() for r in (rule, usual)
+        )
+        assert nearest < 0.03 / scan.count
+        assert nearest < before / 4
+
+
 def test_smooth_functions_are_left_to_the_rules():
     mesh = block.mesh(0.1, (1.0, 0.7))
     assert len(Scan(mesh, exp(-x * y), VOL).hidden) == 0
