@@ -58,8 +58,8 @@ problem has.
 """
 
 TAIL = """
-Bounds cover order 2 in two dimensions only. Bounds and brackets need coefficients that are
-constant on each element.
+Bounds of order 2 in three dimensions do not cover friction. Bounds and brackets need coefficients
+that are constant on each element.
 
 This page is made by `python docs/features.py`; a test compares it with the methods, and another
 one runs each method on a problem with each feature: it is right beside a witness, or refuses.

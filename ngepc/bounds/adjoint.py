@@ -9,7 +9,7 @@ single nodes, and the pressure of the stress is cut.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,12 +53,15 @@ class AdjointProblem:
         self.P = P
         self.tangent = Factors(setting.discrete, "sparsecholesky")
         self.tangent.update(state.with_radial_return().moduli)
-        self.room = np.maximum(setting.contact.room(state.u), 0.0)
-        if setting.problem.order == 2:
-            self.room[:, 2:] = setting.contact.room(state.u)[:, 2:]
+        N = setting.cells.N
+        self.room = setting.contact.room(state.u)
+        self.room[:, :N] = np.maximum(self.room[:, :N], 0.0)
         rows = setting.discrete.rows
         self._rows = rows.normal.tocsr()
         self._answers: dict[int, np.ndarray] = {}
+        self._lower: AdjointProblem | None = None
+        if setting.lower is not None:
+            self._lower = AdjointProblem(setting.lower, setting.lower_state, P)
 
     def _answer(self, row: int) -> np.ndarray:
         """Displacements under a unit force of a row, (nodes N,)."""
@@ -93,6 +96,11 @@ class AdjointProblem:
             forces = forces - pulled
         wanted = self.of_rows(goal) - self._rows @ lift.ravel()
         z = self._steered(forces, wanted, factor) + lift
+        if self._lower is not None:
+            of_lower = self._lower.of(goal.lower, factor)
+            z, least = self.repaired(goal, z, factor)
+            energy = setting.missed_energy(self.state, self.tangent, z, of_lower.stress)
+            return replace(of_lower, z=z, energy=energy, least=least)
         pi = self._pressed(forces, wanted, factor)
         pi = np.clip(pi, -factor * self.P, factor * self.P)
         z, least = self.repaired(goal, z, factor)
@@ -211,12 +219,25 @@ class AdjointProblem:
                 more[np.abs(more) <= rounded] = 0.0
                 self._raise(z, contact.nodes[:, end], more, 1.0)
         if self.setting.problem.order == 2:
-            low, high = self._middles(goal, z, factor)
-            off = self.off(goal, z)
-            middle = (off[:, 0] + off[:, 1] + BUBBLE * off[:, 2]) / 2
-            more = middle - np.clip(middle, low, np.maximum(low, high))
-            self._raise(z, contact.nodes[:, 2], 2 * more, BUBBLE)
+            self._repair_edges(goal, z, factor)
         return z, self.least(goal, z, factor)
+
+    def _repair_edges(self, goal: GoalTerms, z: np.ndarray, factor: float) -> None:
+        """Change z at edges until the conditions hold between the vertices."""
+        contact = self.setting.contact
+        N = self.setting.cells.N
+        for _ in range(NORMAL_PASSES):
+            most = 0.0
+            size = np.abs(self.off(goal, z)).max(initial=0.0)
+            for k in range(contact.nodes.shape[1] - N):
+                low, high = self._middles(goal, z, factor)
+                middle = contact.edge_coefficients(self.off(goal, z))
+                more = (middle - np.clip(middle, low, np.maximum(low, high)))[:, k]
+                more[np.abs(more) <= ROUNDING * (1 + size)] = 0.0
+                self._raise(z, contact.nodes[:, N + k], 2 * more, BUBBLE)
+                most = max(most, np.abs(more).max(initial=0.0))
+            if most == 0.0:
+                break
 
     def off(self, goal: GoalTerms, z: np.ndarray) -> np.ndarray:
         """C - z . n by ``ContactFacets.nodes``, (facets, nodes)."""
@@ -240,18 +261,20 @@ class AdjointProblem:
     def _middles(
         self, goal: GoalTerms, z: np.ndarray, factor: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Between which numbers Bernstein's middle coefficient of c - z . n may be (order two).
+        """Between which numbers the edges' coefficients of c - z . n may be (order two).
 
         A parabola with the coefficients a, m, b is nowhere negative where a, b >= 0 and
-        m >= -(a b)^(1/2).
+        m >= -(a b)^(1/2), a quadratic function on a triangle where all coefficients are >= 0.
         """
-        off = self.off(goal, z)[:, :2]
         room = self.room
-        middle = (room[:, 0] + room[:, 1] + BUBBLE * room[:, 2]) / 2
+        middle = factor * self.setting.contact.edge_coefficients(room)
+        if self.setting.cells.N == 3:
+            return -middle, middle
+        off = self.off(goal, z)[:, :2]
         above = np.maximum(factor * room[:, :2] - off, 0.0)
         below = np.maximum(factor * room[:, :2] + off, 0.0)
-        high = factor * middle + np.sqrt(above.prod(axis=1))
-        low = -factor * middle - np.sqrt(below.prod(axis=1))
+        high = middle + np.sqrt(above.prod(axis=1))[:, None]
+        low = -middle - np.sqrt(below.prod(axis=1))[:, None]
         return low, high
 
     def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
@@ -264,7 +287,7 @@ class AdjointProblem:
             return np.inf
         if self.setting.problem.order == 2 and len(off):
             low, high = self._middles(goal, z, factor)
-            middle = (off[:, 0] + off[:, 1] + BUBBLE * off[:, 2]) / 2
+            middle = self.setting.contact.edge_coefficients(off)
             if max((low - middle).max(), (middle - high).max()) > size:
                 return np.inf
         return factor

@@ -20,7 +20,7 @@ from ngsolve import L2, GridFunction
 
 from ngepc._deprecated import old_names
 from ngepc.bounds.conjugate import Conjugate
-from ngepc.bounds.data import BoundData, strain_coordinates
+from ngepc.bounds.data import BoundData, feasible_state, strain_coordinates
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.solid import SolidBoundData
 from ngepc.discretisation.factors import Factors
@@ -245,15 +245,6 @@ def bound_of_state(setting: BoundData, given: State, tangent: Factors) -> ErrorB
     energy = setting.energy(state)
     oscillation = total - float(gaps.sum())
     return ErrorBound(state, energy, total, algebraic, whole, z, P, moved, oscillation)
-
-
-def feasible_state(setting: BoundData, given: State) -> tuple[State, float]:
-    """The state moved out of the obstacle, with radial return, and the size of the move."""
-    u = setting.contact.cleared(given.u)
-    moved = float(np.abs(u - given.u).max(initial=0.0))
-    if moved <= given.touching_distance:
-        return given.with_radial_return(), moved
-    return setting.discrete.state(u, contact=given.contact), moved
 
 
 def algebraic_part(setting: BoundData, state: State, tangent: Factors) -> float:

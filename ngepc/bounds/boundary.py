@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from ngsolve import BND, CF, Mesh
 
-from ngepc.bounds.coverage import CONSTANT, FACET_RULES
+from ngepc.bounds.coverage import CONSTANT, FACET_RULES, edge_functions
 from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.sampling import HiddenRule, Scan
@@ -78,7 +78,8 @@ class Boundary(OuterFacets):
     beyond the affine function with these moments, r, (., N, N).  ``contact`` are the numbers of
     the contact facets; at their vertices, (contact facets, N), ``gap`` is an affine function
     nowhere above psi, ``excess`` the integral of psi - gap times hat functions, ``friction`` F
-    (stress) or zero.
+    (stress) or zero.  For order two in space ``gap`` is quadratic: its further columns are those
+    of NGSolve's functions of the edges opposite to the vertices.
 
     ValueError for friction or displacements that are not affine on facets, and for boundaries
     inside the body.
@@ -141,22 +142,27 @@ class Boundary(OuterFacets):
         on = self.on(self.problem.contact_names, f"contact={self.problem.contact!r}")
         self.contact, rule = self.facet[on], self.rule
         psi = self.values(self.problem.psi, on)
-        lowest = rule.lowest_defect(psi[:, :, 0])[:, None]
-        above = psi[:, : self.cells.N, 0] + lowest
+        N = self.cells.N
+        bent = np.zeros((len(psi), 0))
+        if N == 3 and self.problem.order == 2:
+            bent = rule.bubbles(psi[:, :, 0])
+        flat = psi[:, :, 0] - rule.bent(bent)
+        lowest = rule.lowest_defect(flat)[:, None]
+        above = flat[:, :N] + lowest
         weights = self.cells.measure[self.contact][:, None] * rule.weights
-        more = (weights * (psi[:, :, 0] - above @ rule.shares.T)) @ rule.shares
+        more = (weights * (flat - above @ rule.shares.T)) @ rule.shares
         row = np.cumsum(on) - 1
         for name, gap in self.problem.gaps.items():
             scan = self.scan(gap, self._name == name)
             for number in scan.hidden.tolist():
                 place = row[number]
-                ends = psi[place, : self.cells.N, 0]
-                found = hidden_obstacle(scan.rule(number), ends)
+                ends = flat[place, :N]
+                found = hidden_obstacle(scan.rule(number), ends, bent[place])
                 above[place], more[place] = found
-        self.gap, self.excess = (
-            self.at_vertices(above, on),
-            self.at_vertices(more, on),
-        )
+        self.gap = self.at_vertices(above, on)
+        if bent.shape[1]:
+            self.gap = np.concatenate([self.gap, self.at_vertices(bent, on)], axis=1)
+        self.excess = self.at_vertices(more, on)
         bound = 0.0 if self.problem.friction is None else self.problem.friction
         self.friction = self.at_vertices(
             self.affine("friction", bound, on)[:, :, 0], on
@@ -183,15 +189,21 @@ def hidden_traction(
 
 
 def hidden_obstacle(
-    rule: HiddenRule, ends: np.ndarray
+    rule: HiddenRule, ends: np.ndarray, bent: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertex values (N,) of an affine function below psi, and the moments of psi less it (N,).
 
-    ``ends`` are the values of psi at the vertices.  Between the points psi is expected to fall by
-    no more than it varies by on a part.
+    ``ends`` are the values of psi at the vertices, ``bent`` (0 or 3,) what functions of the edges
+    are subtracted from it before.  Between the points psi less these is expected to fall by no more
+    than it varies by on a part.
     """
-    defect = rule.at_corners[:, :, 0] - rule.corners @ ends
-    lowest = (defect.min(axis=1) - np.ptp(rule.at_corners[:, :, 0], axis=1)).min()
+    at_corners = rule.at_corners[:, :, 0]
+    values = rule.values[:, 0]
+    if len(bent):
+        at_corners = at_corners - edge_functions(rule.corners) @ bent
+        values = values - edge_functions(rule.shares) @ bent
+    defect = at_corners - rule.corners @ ends
+    lowest = (defect.min(axis=1) - np.ptp(at_corners, axis=1)).min()
     above = ends + min(lowest, 0.0)
-    left = rule.weights * (rule.values[:, 0] - rule.shares @ above)
+    left = rule.weights * (values - rule.shares @ above)
     return above, left @ rule.shares

@@ -336,7 +336,7 @@ def least_potential(
     G is convex: its mean is no less than its value at the mean of s.  Where |s| > beta everywhere
     it is no less than that of linear hardening with the largest slope of beta, from any g_0 on.
 
-    ``s`` (n, 3, d) are vertex values of affine functions; ``area`` has shape (n,).
+    ``s`` (n, k, d) are vertex values of affine functions; ``area``, the sizes, has shape (n,).
     """
     middle = s.mean(axis=1)
     size = np.linalg.norm(middle, axis=1)

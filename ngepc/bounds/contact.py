@@ -7,6 +7,7 @@ from scipy.optimize import nnls
 from scipy.sparse import csr_matrix, diags
 
 from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.coverage import BUBBLE
 from ngepc.discretisation.conditions import initial_displacements
 from ngepc.discretisation.rows import ContactRows
 from ngepc.local.system import DiscreteProblem, State
@@ -16,15 +17,15 @@ CLEAR = 1e-12  # tolerance of penetration, relative to the largest displacement
 NORMAL_PASSES = (
     50  # most passes over the facets that meet at a vertex until all of them are clear
 )
-# NGSolve's function of an edge is this times the product of the hat functions of its ends
-BUBBLE = -0.5
 MIDDLE = BUBBLE / 4  # its value at the middle
 WEAK = 0.1  # weight of the mean pressure beside the nodal forces where a pressure is fitted
-EDGES = (
-    (2, 0),
-    (1, 2),
-    (0, 1),
-)  # the ends of these edges of a triangle, in NGSolve's order
+EDGES = {
+    2: ((2, 0), (1, 2), (0, 1)),
+    3: ((3, 0), (3, 1), (3, 2), (0, 1), (0, 2), (1, 2)),
+}
+"""The ends of the edges of a triangle and of a tetrahedron, in NGSolve's order."""
+OF_FACET = {2: ((0, 1),), 3: ((1, 2), (0, 2), (0, 1))}
+"""Those of a facet: of a triangle they lie opposite to its vertices."""
 
 
 def gathered(rows: ContactRows, of_vertices: csr_matrix) -> csr_matrix:
@@ -66,17 +67,12 @@ class ContactFacets:
         self.normal = c.normal[on]
         self.measure = c.measure[on]
         self.owner = c.owners[on, 0]
-        self.nodes, self._hats = (
-            c.facets[on],
-            (1 + np.eye(self.N)) / (self.N * (self.N + 1)),
-        )
+        self.nodes = c.facets[on]
+        self._hats = (1 + np.eye(self.N)) / (self.N * (self.N + 1))
         if self.problem.order == 2:
-            nodes = discrete.points.blocks[0].nodes
-            edge = np.empty(len(c.facets), dtype=int)
-            for k, ends in enumerate(EDGES):
-                edge[c.facets_between(nodes[:, ends])] = nodes[:, 3 + k]
-            self.nodes = np.column_stack([self.nodes, edge[on]])
-            self._hats = np.column_stack([self._hats, np.full(2, BUBBLE / 12)])
+            self.nodes = np.column_stack([self.nodes, self._edges()])
+            bubbles = {2: np.full((2, 1), 1 / 12), 3: 1 / 30 - np.eye(3) / 60}[self.N]
+            self._hats = np.column_stack([self._hats, BUBBLE * bubbles])
         self._start = initial_displacements(self.problem, discrete.supports)
         rows = discrete.rows
         corners = c.facets[on].ravel()
@@ -94,6 +90,17 @@ class ContactFacets:
         self.row_of[corner[nearest]] = row[nearest]
         self.row_of = self.row_of.reshape(-1, self.N)
 
+    def _edges(self) -> np.ndarray:
+        """The nodes of the edges of the contact facets, order two, (facets, edges)."""
+        nodes = self.discrete.points.blocks[0].nodes
+        count = len(self.boundary.cells.points)
+        ends = np.array(EDGES[self.N])
+        keys = np.sort(nodes[:, ends], axis=2) @ [count, 1]
+        known, first = np.unique(keys, return_index=True)
+        of_facets = np.sort(self.nodes[:, np.array(OF_FACET[self.N])], axis=2)
+        found = np.searchsorted(known, of_facets @ [count, 1])
+        return nodes[:, self.N + 1 :].ravel()[first[found]]
+
     def moments(self, values: np.ndarray) -> np.ndarray:
         """Of affine functions, from vertex values (facets, N, .), by ``nodes``."""
         return self.measure[:, None, None] * np.matmul(self._hats.T, values)
@@ -101,8 +108,21 @@ class ContactFacets:
     def room(self, u: np.ndarray) -> np.ndarray:
         """The gap less u . n by ``nodes``, shape (facets, nodes)."""
         room = -np.einsum("eac,ec->ea", u[self.nodes], self.normal)
-        room[:, : self.N] += self.boundary.gap
+        gap = self.boundary.gap
+        room[:, : gap.shape[1]] += gap
         return room
+
+    def affine_room(self, u: np.ndarray) -> np.ndarray:
+        """The affine functions nearest to psi - u . n on the facets, at vertices, (facets, N)."""
+        N = self.N
+        moments = self.room(u) @ self._hats.T
+        moments += self.boundary.excess / self.measure[:, None]
+        return N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
+
+    def edge_coefficients(self, room: np.ndarray) -> np.ndarray:
+        """Bernstein's coefficients of the edges from values by ``nodes``, order two."""
+        ends = np.array(OF_FACET[self.N])
+        return room[:, ends].mean(axis=2) + BUBBLE / 2 * room[:, self.N :]
 
     def cleared(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements near ``u`` that meet supports and clear the obstacle everywhere.
@@ -119,15 +139,34 @@ class ContactFacets:
             for end in range(self.N):
                 self._lower(u, self.nodes[:, end], -self.room(u)[:, end], 1.0)
         if self.problem.order == 2 and not stuck:
-            room = self.room(u)
-            ends = np.sqrt(np.maximum(room[:, :2], 0.0)).sum(axis=1)
-            excess = -BUBBLE * room[:, 2] - ends**2
-            stuck = self._lower(u, self.nodes[:, 2], excess, BUBBLE)
+            stuck = self._edges_cleared(u)
         if stuck:
             raise RuntimeError(
                 "the displacement could not be moved clear of the obstacle"
             )
         return u
+
+    def _edges_cleared(self, u: np.ndarray) -> bool:
+        """Lower u at the edges where it rises above the obstacle; whether supports forbid it.
+
+        On a segment a parabola is nowhere negative with end values a, b >= 0 and a coefficient
+        above -(a b)^(1/2), on a triangle a quadratic function with coefficients >= 0.
+        """
+        rounding = CLEAR * np.abs(u).max(initial=0.0)
+        for _ in range(NORMAL_PASSES):
+            most = 0.0
+            for k, (i, j) in enumerate(OF_FACET[self.N]):
+                room = self.room(u)
+                lowest = np.zeros(len(room))
+                if self.N == 2:
+                    lowest = -np.sqrt(np.maximum(room[:, i] * room[:, j], 0.0))
+                excess = 2 * (lowest - self.edge_coefficients(room)[:, k])
+                if self._lower(u, self.nodes[:, self.N + k], excess, BUBBLE):
+                    return True
+                most = max(most, excess.max(initial=0.0))
+            if most <= rounding:
+                return False
+        return True
 
     def _lower(
         self, u: np.ndarray, nodes: np.ndarray, excess: np.ndarray, value: float
@@ -149,10 +188,13 @@ class ContactFacets:
     def pressure(self, multipliers: np.ndarray) -> np.ndarray:
         """P >= 0 at the vertices from forces of the rows (stress), (facets, N).
 
-        For order one it has their nodal forces, for order two the nearest ones that an affine
-        pressure on each facet can have: a pressure with other forces costs sharpness.
+        For order one it has their nodal forces, for order two in the plane the nearest ones that
+        an affine pressure on each facet can have: a pressure with other forces costs sharpness.
         """
         forces = np.maximum(multipliers, 0.0)
+        if self.problem.order == 2 and self.N == 3:
+            pressed = np.append(forces > 0, True)[self.row_of]
+            return np.where(pressed, self._means(forces), 0.0)
         P = self._means(forces)
         if self.problem.order == 1 or not P.any():
             return P
@@ -161,7 +203,7 @@ class ContactFacets:
     def stresses(self, forces: np.ndarray) -> np.ndarray:
         """The same from forces of either sign."""
         P = self._means(forces)
-        if self.problem.order == 1 or not P.any():
+        if self.problem.order == 1 or self.N == 3 or not P.any():
             return P
         return np.linalg.lstsq(*self._fit(forces, P), rcond=None)[0].reshape(P.shape)
 
@@ -229,6 +271,8 @@ class ContactFacets:
         Of parabolas the sizes of Bernstein's coefficients are taken.
         """
         F = self.boundary.friction
+        if not F.any():
+            return np.zeros(len(F))
         slip = self.slip(u)
         size = np.linalg.norm(slip[:, : self.N], axis=2)
         if self.problem.order == 1:

@@ -15,7 +15,7 @@ COVERS = (
     | HISTORY_FEATURES
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
 )
-"""Features that guaranteed bounds cover; in three dimensions order 2 is not covered."""
+"""Features that guaranteed bounds cover; friction in three dimensions with order 1 only."""
 
 # part of its largest value by which a coefficient may vary on an element and count as constant
 CONSTANT = 1e-10
@@ -25,6 +25,8 @@ _INSIDE = {ET.TRIG: IntegrationRule(ET.TRIG, 8), ET.TET: IntegrationRule(ET.TET,
 """Points at which polynomials of degree three are determined."""
 
 
+BUBBLE = -0.5
+"""NGSolve's function of an edge is this times the product of the hat functions of its ends."""
 MIDDLES = slice(4, 7)
 """Where ``FacetRule`` has the middles of the edges of a triangle."""
 
@@ -54,6 +56,23 @@ class FacetRule:
         """By how much values (facets, points, k) exceed the affine function of their vertices."""
         return values - self.shares @ values[:, : self.shares.shape[1]]
 
+    def bubbles(self, values: np.ndarray) -> np.ndarray:
+        """Of scalars (facets, points) on triangles the part of the edges' functions, (facets, 3).
+
+        With them the quadratic function has the values at the vertices and the middles of edges.
+        """
+        middles = self.affine_defect(values[:, :, None])[:, MIDDLES, 0]
+        return middles / (BUBBLE / 4)
+
+    def bent(self, amount: np.ndarray) -> np.ndarray:
+        """Of edges' functions with these amounts (facets, 3) the values at the points.
+
+        Without any it is zero.
+        """
+        if not amount.shape[1]:
+            return np.zeros((len(amount), len(self.shares)))
+        return amount @ edge_functions(self.shares).T
+
     def lowest_defect(self, values: np.ndarray) -> np.ndarray:
         """No more than the least defect of scalars (facets, points), zero at most, (facets,).
 
@@ -64,6 +83,11 @@ class FacetRule:
         if self.shares.shape[1] == 2:
             return sampled
         return np.minimum(sampled, lowest_of_quadratics(defect[:, MIDDLES]))
+
+
+def edge_functions(shares: np.ndarray) -> np.ndarray:
+    """Functions of the edges opposite to the vertices of a triangle at points (..., 3)."""
+    return BUBBLE * shares[..., [[1, 2], [0, 2], [0, 1]]].prod(axis=-1)
 
 
 def lowest_of_quadratics(middles: np.ndarray) -> np.ndarray:
@@ -87,8 +111,11 @@ FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 6)}  # by dimensi
 
 def check_covered(problem: Problem) -> None:
     """Refuse problems without a guaranteed bound with a ValueError that names the argument."""
-    covers = COVERS if problem.N == 2 else COVERS - {"order 2"}
-    what = "a bound" if problem.N == 2 else "a bound in three dimensions"
+    covers = COVERS
+    what = "a bound"
+    if problem.N == 3 and problem.order == 2:
+        covers = COVERS - {"friction"}
+        what = "a bound of order 2 in three dimensions"
     if problem.kinematics.thin:
         covers = COVERS - {"order 2"}  # eps_zz is no polynomial on a cell
         what = "a bound in plane stress"
@@ -136,8 +163,8 @@ def varies_inside(
     values = np.asarray(value(points)).reshape(problem.mesh.ne, -1, value.dim)
     size = np.abs(values).max(initial=1e-300)
     if affine:
-        known = np.array([(1.0, *p) for p in _INSIDE[ET.TRIG].points])[
-            :, : problem.N + 1
-        ]
+        shape = ET.TRIG if problem.N == 2 else ET.TET
+        known = np.array([(1.0, *p) for p in _INSIDE[shape].points])
+        known = known[:, : problem.N + 1]
         values = values - known @ (np.linalg.pinv(known) @ values)
     return np.ptp(values, axis=1).max() > CONSTANT * size

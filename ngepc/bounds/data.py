@@ -1,6 +1,6 @@
 """The data shared by the bounds of all states on one mesh.
 
-Strains of displacements of order two are affine on each cell, and three points fix them.
+Strains of displacements of order two are affine on each cell, and its points fix them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches
 from ngepc.bounds.oscillation import CarriedLoads
-from ngepc.bounds.parts import AT_POINTS, SPLIT, TO_NODES, exceeding
+from ngepc.bounds.parts import AT_POINTS, RULE, SPLIT, TO_NODES, exceeding
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
@@ -31,8 +31,8 @@ PARTED = (
 UNSTRAINED = 1e-8
 """Smallest strain whose forces are the scale of equilibrium."""
 
-# values of affine functions at the vertices from those at the three points
-AT_CORNERS = 2 * np.eye(3)[[1, 2, 0]] - 1 / 3
+# values of affine functions at the vertices from those at the three or four points
+AT_CORNERS = {3: 2 * np.eye(3)[[1, 2, 0]] - 1 / 3, 4: np.linalg.inv(RULE[4])}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +63,10 @@ class BoundData:
     """
 
     weights = np.ones(1)
+    lower: BoundData | None = None
+    lower_state: State | None = None
+    """The data of order one on the same mesh, where stresses of order two are those of it, and its
+    solution from ``best_stress`` on."""
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         check_covered(discrete.problem)
@@ -80,15 +84,16 @@ class BoundData:
         if self.problem.order == 2:
             self._turned = discrete.points.blocks[0].nodes[:, 1] != c.nodes[:, 1]
             history = discrete.law.back, discrete.law.initial
-            if any(np.ptp(v.reshape(-1, 3, v.shape[1]), axis=1).any() for v in history):
+            k = self.each
+            if any(np.ptp(v.reshape(-1, k, v.shape[1]), axis=1).any() for v in history):
                 corners = [self.at_corners(values) for values in history]
                 self.conjugate, self.at_nodes = (
                     copy(self.conjugate),
                     copy(self.conjugate),
                 )
                 for part, shares in (
-                    (self.conjugate, AT_POINTS),
-                    (self.at_nodes, TO_NODES),
+                    (self.conjugate, AT_POINTS[k]),
+                    (self.at_nodes, TO_NODES[k]),
                 ):
                     part.back, part.initial = (
                         np.matmul(shares, values) for values in corners
@@ -118,18 +123,18 @@ class BoundData:
         return np.matmul(stress.reshape(len(signs), -1, len(self.piola[0])), self.piola)
 
     def at_corners(self, values: np.ndarray) -> np.ndarray:
-        """Affine functions (., c), known at three points of each triangle, at its vertices."""
-        result = np.matmul(AT_CORNERS, values.reshape(len(self.cells.nodes), 3, -1))
+        """Affine functions (., c), known at the points of each cell, at its vertices."""
+        k = self.each
+        values = values.reshape(len(self.cells.nodes), k, -1)
+        result = np.matmul(AT_CORNERS[k], values)
         result[self._turned, 1:] = result[self._turned, :0:-1]
         return result
 
     def on_parts(self, values: np.ndarray) -> np.ndarray:
-        """The same at points of the parts (nt, 18, c), or constants once for each cell."""
-        return (
-            values[:, None]
-            if self.each == 1
-            else np.matmul(AT_POINTS, self.at_corners(values))
-        )
+        """The same at points of the parts (nt, ., c), or constants once for each cell."""
+        if self.each == 1:
+            return values[:, None]
+        return np.matmul(AT_POINTS[self.each], self.at_corners(values))
 
     def energy(self, state: State) -> float:
         """Upper bound of J(u), with the friction of ``contact``."""
@@ -170,13 +175,14 @@ class BoundData:
     def _missed(self, state: State) -> np.ndarray:
         """Upper bound of the integral less the sum over the points, for each cell."""
         area = self.cells.volume
-        if self.each != 3:
+        if self.each == 1:
             return np.zeros(len(area))
         if not self.discrete.law.resistance.is_constant:
             return self._missed_by_any_law(state)
         law = self.conjugate
-        over = np.maximum(state.at.size - self.discrete.law.beta, 0.0).reshape(-1, 3)
-        summed = area * np.einsum("tq,tq->t", over, over) / 3
+        k = self.each
+        over = np.maximum(state.at.size - self.discrete.law.beta, 0.0).reshape(-1, k)
+        summed = area * np.einsum("tq,tq->t", over, over) / k
         least = exceeding(self.at_corners(state.at.trial), law.beta, area)
         return (summed - least) / (2 * (law.two_mu + law.hardening))
 
@@ -188,13 +194,15 @@ class BoundData:
         law = self.discrete.law
         at = state.at
         density = flow_potential(law.resistance, law.modulus, at.size, at.gained)
-        summed = self.cells.volume * density.reshape(-1, 3).mean(axis=1)
-        cells = np.flatnonzero(at.yields.reshape(-1, 3).any(axis=1))
+        k = self.each
+        summed = self.cells.volume * density.reshape(-1, k).mean(axis=1)
+        cells = np.flatnonzero(at.yields.reshape(-1, k).any(axis=1))
         s = self.at_corners(at.trial)[cells]
         area = self.cells.volume[cells]
         for _ in range(PARTED):
-            s = np.matmul(SPLIT[3].reshape(-1, 3), s).reshape(-1, 3, s.shape[2])
-            area, cells = (np.repeat(v, len(SPLIT[3])) for v in (area / 4, cells))
+            parts = len(SPLIT[k])
+            s = np.matmul(SPLIT[k].reshape(-1, k), s).reshape(-1, k, s.shape[2])
+            area, cells = (np.repeat(v, parts) for v in (area / parts, cells))
         M = law.modulus[:: self.each][cells]
         found = least_potential(self.conjugate.resistance.of(cells), M, s, area)
         return summed - np.bincount(cells, found, minlength=len(summed))
@@ -228,6 +236,15 @@ class BoundData:
         """The stress of a change of displacements (nodes, N) by a tangent, (points, c)."""
         strain = self.discrete.points.strain(change)
         return stress_coordinates(*tangent.moduli.stress(*strain))
+
+
+def feasible_state(setting: BoundData, given: State) -> tuple[State, float]:
+    """The state moved out of the obstacle, with radial return, and the size of the move."""
+    u = setting.contact.cleared(given.u)
+    moved = float(np.abs(u - given.u).max(initial=0.0))
+    if moved <= given.touching_distance:
+        return given.with_radial_return(), moved
+    return setting.discrete.state(u, contact=given.contact), moved
 
 
 def factorise(state: State, tangent: Factors) -> None:

@@ -77,8 +77,6 @@ class GoalBound:
         The lambda of the interval (goal over energy).
     per_cell
         What each cell adds to half the width, nowhere negative but for rounding.
-    exact
-        Whether all integrals of the supremum are bounds; else some are by a rule.
     note
         What was replaced to make the goal continuous.
     """
@@ -91,7 +89,6 @@ class GoalBound:
     adjoint: float = field(repr=False)
     factor: float = field(repr=False)
     per_cell: np.ndarray = field(repr=False)
-    exact: bool = True
     note: str = ""
 
     @property
@@ -118,18 +115,13 @@ class GoalBound:
 
     @property
     def guaranteed(self) -> bool:
-        """Whether the interval is proved: exact integrals, and data that are known exactly."""
-        return self.exact and self.bound.guaranteed
+        """Whether the interval is proved: the data are known exactly."""
+        return self.bound.guaranteed
 
     @property
     def message(self) -> str:
         """Limits of the guarantee and replacements in the goal; empty if there are none."""
-        rule = (
-            ""
-            if self.exact
-            else "Where the body yields integrals are by a rule of degree four."
-        )
-        return " ".join(filter(None, (self.note, rule, self.bound.message)))
+        return " ".join(filter(None, (self.note, self.bound.message)))
 
     @property
     def estimate(self) -> float:
@@ -272,7 +264,7 @@ class GoalProblem:
         centre += float(np.vdot(self.setting.discrete.load, adjoint.z))
         centre += chosen.integrand.residual
         centre += float(contact.opening(state.u, adjoint.pressure).sum())
-        above, below, exact = chosen.integrand.bounds(chosen.factor)
+        above, below = chosen.integrand.bounds(chosen.factor)
         per_cell = (above + below) / 2
         per_cell += np.bincount(contact.owner, opened, minlength=len(per_cell))
         return GoalBound(
@@ -284,7 +276,6 @@ class GoalProblem:
             adjoint.energy,
             chosen.factor,
             per_cell,
-            exact,
             terms.note,
         )
 

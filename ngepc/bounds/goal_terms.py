@@ -7,7 +7,7 @@ each contact facet, or minus the work of all forces in a motion of a support, a 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -115,6 +115,8 @@ class GoalTerms:
         The motion of supports, minus that of the reaction, (nodes, N); None for none.
     note
         What was replaced to make the goal continuous; may be empty.
+    lower
+        The same for ``BoundData.lower``; None where that is.
     """
 
     name: str
@@ -122,6 +124,7 @@ class GoalTerms:
     factor: np.ndarray = field(repr=False)
     motion: np.ndarray | None = field(repr=False)
     note: str = ""
+    lower: GoalTerms | None = None
 
     def forces(self, setting: BoundData) -> np.ndarray:
         """Nodal forces of the load, (nodes, N)."""
@@ -164,10 +167,18 @@ def terms_of(goal: object, setting: BoundData) -> GoalTerms:
 
     TypeError, ValueError for goals that are not legal or not covered.
     """
-    problem = setting.problem
-    zero = np.zeros(len(setting.contact.nodes))
     if isinstance(goal, GoalTerms):
         return goal
+    terms = _terms_of(goal, setting)
+    if setting.lower is None:
+        return terms
+    return replace(terms, lower=_terms_of(goal, setting.lower))
+
+
+def _terms_of(goal: object, setting: BoundData) -> GoalTerms:
+    """The same without ``lower``."""
+    problem = setting.problem
+    zero = np.zeros(len(setting.contact.nodes))
     if isinstance(goal, str):
         return _named(goal, problem, zero)
     if isinstance(goal, ContactForceOn):

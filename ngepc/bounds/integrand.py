@@ -5,8 +5,7 @@ stresses, which are affine on the parts of the cell: on each part the integral i
 of the values at its vertices.  Where it is a quadratic on a part a rule of degree two is exact.
 Parts are cut where the two differ most.
 
-For order two strains are affine and stresses quadratic.  Where the supremum is a quadratic of them
-a rule of degree four is exact; elsewhere it is a rule and no bound, which ``bounds`` says.
+For order two strains are affine too: ``ngepc.bounds.varying``.
 """
 
 from __future__ import annotations
@@ -19,17 +18,11 @@ from ngepc.bounds.adjoint import Adjoint
 from ngepc.bounds.bound import ErrorBound
 from ngepc.bounds.conjugate import R6
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.parts import (
-    AT_NODES,
-    AT_POINTS,
-    NODES,
-    RULE,
-    SPLIT,
-    TO_NODES,
-    WEIGHTS,
-)
-from ngepc.bounds.supremum import PointData, Stresses, suprema
+from ngepc.bounds.parts import NODES, RULE, SPLIT, TO_NODES, WEIGHTS, coefficients
+from ngepc.bounds.supremum import PointData, Stresses, kept_part, suprema
+from ngepc.bounds.varying import VaryingData, integrals, likely_integrals
 from ngepc.discretisation.law import Law
+from ngepc.local.system import State
 
 SPLITS = {3: 3, 4: 2}
 """Most levels of cutting, by the number of vertices of a part."""
@@ -56,9 +49,9 @@ class Integrand:
     """The supremum over the parts of the cells.
 
     ``tau`` and ``sigma`` (parts, k, 1 + d) are coefficients of stresses on the parts: mean, then
-    deviator; ``data`` and ``strain`` are those at the k points of a rule on each part (constant on
-    cells for order one, one row for each part); ``cell`` and ``volume`` (parts,) say where a part
-    is; ``opened`` is int P^ gap_h, ``residual`` minus int s(eps_h) : eps(z).
+    deviator; ``data`` and ``strain`` are constant on each part; ``cell`` and ``volume``
+    (parts,) say where a part is; ``opened`` is int P^ gap_h, ``residual`` minus the integral of
+    s(eps_h) : eps(z).
     """
 
     tau: np.ndarray
@@ -86,7 +79,7 @@ class Integrand:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Suprema at points of parts with these coefficients, (parts, points), and if smooth."""
         count = len(table)
-        where = np.repeat(row, count) if self.k < 6 else _points_of(row, count)
+        where = np.repeat(row, count)
         tau = sign * np.matmul(table, tau).reshape(len(where), -1)
         sigma = np.matmul(table, sigma).reshape(len(where), -1)
         strain = self.strain.of(where)
@@ -109,17 +102,13 @@ class Integrand:
             total += float(self.volume @ (found @ WEIGHTS[self.k]))
         return total
 
-    def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Integrals over the cells for tau and for -tau, and whether they are bounds."""
-        above, first = self._bounds(1.0, factor)
-        below, second = self._bounds(-1.0, factor)
-        return above, below, first and second
+    def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals over the cells for tau and for -tau, from above."""
+        return self._bounds(1.0, factor), self._bounds(-1.0, factor)
 
-    def _bounds(self, sign: float, factor: float) -> tuple[np.ndarray, bool]:
-        count = int(self.cell.max()) + 1
-        if self.k == 6:
-            return self._by_rule(sign, factor, count)
-        result = np.zeros(count)
+    def _bounds(self, sign: float, factor: float) -> np.ndarray:
+        result = np.zeros(int(self.cell.max()) + 1)
+        count = len(result)
         k = self.k
         tau = self.tau
         sigma = self.sigma
@@ -152,24 +141,35 @@ class Integrand:
             row = np.repeat(row[cut], parts)
             volume = np.repeat(volume[cut] / parts, parts)
             inside = np.zeros((len(row), 1), dtype=bool)
-        return result, True
-
-    def _by_rule(
-        self, sign: float, factor: float, count: int
-    ) -> tuple[np.ndarray, bool]:
-        """Integrals by the rule of degree four, and whether they are exact."""
-        row = np.arange(len(self.tau))
-        values, smooth = self._at(RULE[6], self.tau, self.sigma, row, sign, factor)
-        integrals = self.volume * (values @ WEIGHTS[6])
-        return np.bincount(self.cell, integrals, minlength=count), bool(smooth.all())
+        return result
 
 
-def _points_of(row: np.ndarray, count: int) -> np.ndarray:
-    """Numbers of the points of parts that have ``count`` points each."""
-    return (row[:, None] * count + np.arange(count)).ravel()
+@dataclass(frozen=True, eq=False)
+class VaryingIntegrand:
+    """The same for displacements of order two."""
+
+    data: VaryingData
+    cells: int
+    opened: float
+    residual: float
+
+    def likely(self, factor: float) -> float:
+        """About the width for a factor, by a rule."""
+        total = 2 * factor * self.opened
+        for data in (self.data, self.data.turned()):
+            total += float(likely_integrals(data, factor).sum())
+        return total
+
+    def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals over the cells for tau and for -tau, from above."""
+        above = integrals(self.data, factor, self.cells)
+        below = integrals(self.data.turned(), factor, self.cells)
+        return above, below
 
 
-def integrand_of(setting: BoundData, bound: ErrorBound, adjoint: Adjoint) -> Integrand:
+def integrand_of(
+    setting: BoundData, bound: ErrorBound, adjoint: Adjoint
+) -> Integrand | VaryingIntegrand:
     """The supremum for a bound and an adjoint."""
     state = bound.state
     discrete = setting.discrete
@@ -186,36 +186,27 @@ def integrand_of(setting: BoundData, bound: ErrorBound, adjoint: Adjoint) -> Int
     wanted = on_nodes(setting, wanted)
     tau = completed_near(adjoint.stress, wanted, law, setting.each)
     if k == 6:
-        inverse = np.linalg.inv(AT_NODES)
-        tau, sigma = (
-            np.matmul(inverse, v.reshape(cells, 3, 6, -1)) for v in (tau, sigma)
-        )
+        tau, sigma = (coefficients(v.reshape(cells, 3, 6, -1)) for v in (tau, sigma))
+    opened = float(setting.contact.opening(state.u, bound.pressure).sum())
+    owner = np.repeat(np.arange(cells), parts)
+    volume = np.repeat(setting.cells.volume / parts, parts)
+    tau = tau.reshape(cells * parts, k, -1)
+    sigma = sigma.reshape(cells * parts, k, -1)
+    if setting.each > 1:
+        strain = trace[:, None], deviator
+        data = varying_data(setting, state, (tau, sigma), strain, (volume, owner))
+        residual = -float(data.work() @ volume)
+        return VaryingIntegrand(data, cells, opened, residual)
     data, strain = point_data(setting, state, trace, deviator, parts)
-    residual = -float(_work(data, strain) @ _weights(setting, k, parts))
-    opened = setting.contact.opening(state.u, bound.pressure).sum()
-    return Integrand(
-        tau.reshape(cells * parts, k, -1),
-        sigma.reshape(cells * parts, k, -1),
-        data,
-        strain,
-        np.repeat(np.arange(cells), parts),
-        np.repeat(setting.cells.volume / parts, parts),
-        float(opened),
-        residual,
-    )
+    residual = -float(_work(data, strain) @ volume)
+    return Integrand(tau, sigma, data, strain, owner, volume, opened, residual)
 
 
 def on_nodes(setting: BoundData, values: np.ndarray) -> np.ndarray:
     """Of functions given at the points: at the nodes of the parts, or once for each cell."""
     if setting.each == 1:
         return values[:, None]
-    return np.matmul(TO_NODES, setting.at_corners(values))
-
-
-def _weights(setting: BoundData, k: int, parts: int) -> np.ndarray:
-    """The volume that belongs to each row of ``point_data``."""
-    part = np.repeat(setting.cells.volume / parts, parts)
-    return part if k < 6 else (part[:, None] * WEIGHTS[6]).ravel()
+    return np.matmul(TO_NODES[setting.each], setting.at_corners(values))
 
 
 def _work(data: PointData, strain: Stresses) -> np.ndarray:
@@ -226,40 +217,61 @@ def _work(data: PointData, strain: Stresses) -> np.ndarray:
 
 def point_data(
     setting: BoundData,
-    state: object,
+    state: State,
     trace: np.ndarray,
     deviator: np.ndarray,
     parts: int,
 ) -> tuple[PointData, Stresses]:
-    """Law, state and eps(z) for each part of each cell, with order two at its points."""
+    """Law, state and eps(z) for each part of each cell, order one."""
     law = setting.discrete.law
-    each = setting.each
-    if each == 1:
 
-        def spread(values: np.ndarray) -> np.ndarray:
-            """The same for all parts of a cell."""
-            return np.repeat(values, parts, axis=0)
-
-    else:
-
-        def spread(values: np.ndarray) -> np.ndarray:
-            """Of affine functions at the points of the parts."""
-            columns = values.reshape(len(values), -1)
-            found = np.matmul(AT_POINTS, setting.at_corners(columns))
-            return found.reshape(-1, *values.shape[1:])
+    def spread(values: np.ndarray) -> np.ndarray:
+        """The same for all parts of a cell."""
+        return np.repeat(values, parts, axis=0)
 
     bulk, two_mu, hardening, beta = (
         spread(np.asarray(v)) for v in (law.bulk, law.two_mu, law.hardening, law.beta)
     )
     trial = spread(state.at.trial)
     back = spread(np.ascontiguousarray(law.back))
-    size = np.linalg.norm(trial, axis=1)
-    share = np.minimum(beta / np.maximum(size, np.finfo(float).tiny), 1.0)
-    kept = (hardening + two_mu * share) / (two_mu + hardening)
-    stress = kept[:, None] * trial + back
+    stress = kept_part(trial, two_mu, hardening, beta)[:, None] * trial + back
     volume = spread(state.volume)
     data = PointData(bulk, two_mu, hardening, beta, volume, trial, back, stress)
     return data, Stresses(spread(trace), spread(deviator))
+
+
+def varying_data(
+    setting: BoundData,
+    state: State,
+    stresses: tuple[np.ndarray, np.ndarray],
+    strain: tuple[np.ndarray, np.ndarray],
+    parts: tuple[np.ndarray, np.ndarray],
+) -> VaryingData:
+    """The same for order two: ``stresses`` tau and sigma^, eps(z), size and cell of the parts."""
+    law = setting.discrete.law
+    each = setting.each
+    tau, sigma = stresses
+    k = tau.shape[1]
+    size, owner = parts
+
+    def on_parts(values: np.ndarray) -> np.ndarray:
+        """Coefficients of affine functions, which are given at the points."""
+        at_nodes = np.matmul(TO_NODES[each], setting.at_corners(values))
+        return coefficients(at_nodes.reshape(len(size), k, -1))
+
+    names = ("bulk", "two_mu", "hardening", "beta")
+    return VaryingData(
+        tau=tau,
+        sigma=sigma,
+        volume=on_parts(state.volume[:, None]),
+        trial=on_parts(state.at.trial),
+        back=on_parts(np.ascontiguousarray(law.back)),
+        trace=on_parts(strain[0]),
+        strain=on_parts(strain[1]),
+        law={name: np.asarray(getattr(law, name))[::each][owner] for name in names},
+        size=size,
+        owner=owner,
+    )
 
 
 def completed_near(

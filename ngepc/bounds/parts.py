@@ -75,6 +75,14 @@ def triangle_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+def tetrahedron_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """The same for a tetrahedron, (q, 4)."""
+    rule = IntegrationRule(ET.TET, degree)
+    places = np.array([point[:3] for point in rule.points])
+    last = 1 - places.sum(axis=1, keepdims=True)
+    return np.concatenate([places, last], axis=1), 6 * np.array(rule.weights)
+
+
 # points of a rule of degree four that fix quadratic functions, barycentric
 SIX, _SIX_WEIGHTS = triangle_rule(4)
 # values at the points of rules of degree two, and of degree four for quadratic functions
@@ -86,23 +94,26 @@ RULE = {
 # weights of the points, which add up to one
 WEIGHTS = {3: np.full(3, 1 / 3), 4: np.full(4, 1 / 4), 6: _SIX_WEIGHTS}
 MIDDLES = np.concatenate([np.eye(3), RULE[3]])
-AT_POINTS, TO_NODES = (
-    np.concatenate(
-        [
-            shares @ np.vstack([np.eye(3)[list(pair)], np.full(3, 1 / 3)])
-            for pair in FACETS[2]
-        ]
-    )
-    for shares in (SIX, MIDDLES)
-)
-"""Values at points and nodes of the parts of a triangle from those at its vertices, (18, 3)."""
+
+
+def _on_parts(shares: np.ndarray) -> np.ndarray:
+    """Barycentric coordinates in a cell of points of its parts, those of one part (q, k)."""
+    k = shares.shape[1]
+    centre = np.full(k, 1 / k)
+    corners = [np.vstack([np.eye(k)[list(f)], centre]) for f in FACETS[k - 1]]
+    return np.concatenate([shares @ part for part in corners])
+
+
+AT_POINTS = {3: _on_parts(SIX), 4: _on_parts(RULE[4])}
+TO_NODES = {3: _on_parts(MIDDLES), 4: _on_parts(np.eye(4))}
+"""Values at points and nodes of the parts of a cell with so many vertices, from those there."""
 
 # cells or parts for which arrays are made at once: they stay in the processor's cache
 PORTION = 1000
 NARROW = 0.3  # part of its mean below which |s|^2 shall not fall for a Taylor polynomial of |s|
 # parts are split where |s|^2 varies by more than this share, so many times at most
 VARIES = 0.1
-FROM_BELOW = 3
+FROM_BELOW = {3: 3, 4: 2}
 AT_NODES = quadratics(
     MIDDLES
 )  # values at vertices and edge midpoints from coefficients
@@ -134,7 +145,7 @@ def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
 
 _POINTS, _WEIGHTS = triangle_rule(16)
 _POINTS = quadratics(_POINTS)
-_DEGREE_SIX = triangle_rule(6)
+_DEGREE_SIX = {3: triangle_rule(6), 4: tetrahedron_rule(6)}
 
 
 def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.ndarray:
@@ -189,21 +200,23 @@ def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:
     a polynomial of degree six.  Elsewhere |s| >= d : s for a unit vector d, and the square is at
     least 2 theta (d : s - beta) - theta^2 for affine theta >= 0.
 
-    ``s`` (n, 3, d) are vertex values of affine functions; ``beta`` and ``area`` have shape (n,).
+    ``s`` (n, k, d) are the values of affine functions at the vertices of triangles or tetrahedra;
+    ``beta`` and ``area``, their sizes, have shape (n,).
     """
     result = np.zeros(len(s))
     cell = np.arange(len(s))
-    for level in range(FROM_BELOW + 1):
+    k = s.shape[1]
+    parts = len(SPLIT[k])
+    for level in range(FROM_BELOW[k] + 1):
         out = (np.einsum("tvd,tvd->tv", s, s) > beta[:, None] ** 2).any(axis=1)
         s = s[out]
         beta = beta[out]
         area = area[out]
         cell = cell[out]
         found, narrow = _exceeding(s, beta)
-        done = narrow if level < FROM_BELOW else np.ones(len(s), dtype=bool)
+        done = narrow if level < FROM_BELOW[k] else np.ones(len(s), dtype=bool)
         result += np.bincount(cell[done], (area * found)[done], minlength=len(result))
-        parts = len(SPLIT[3])
-        s = np.matmul(SPLIT[3].reshape(-1, 3), s[~done]).reshape(-1, 3, s.shape[2])
+        s = np.matmul(SPLIT[k].reshape(-1, k), s[~done]).reshape(-1, k, s.shape[2])
         beta, area, cell = (
             np.repeat(v[~done], parts) for v in (beta, area / parts, cell)
         )
@@ -212,22 +225,23 @@ def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 def _exceeding(s: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The bound over the area without splitting, and where that is accurate."""
-    values = np.matmul(_DEGREE_SIX[0], s)
+    k = s.shape[1]
+    places, weights = _DEGREE_SIX[k]
+    values = np.matmul(places, s)
     mean = s.mean(axis=1)
     square = np.einsum("tqd,tqd->tq", values, values)
-    middle = (square @ _DEGREE_SIX[1])[:, None]
+    middle = (square @ weights)[:, None]
     r = square / middle - 1
     beta = beta[:, None]
     size = np.sqrt(middle) * (1 + r * (1 / 2 - r * (1 / 8 - r / 16)))
-    whole = (square - 2 * beta * size + beta**2) @ _DEGREE_SIX[1]
+    whole = (square - 2 * beta * size + beta**2) @ weights
     length = np.linalg.norm(mean, axis=1)
     direction = mean / np.where(length > 0, length, 1.0)[:, None]
     along = np.einsum("tvd,td->tv", s, direction) - beta
     theta = np.maximum(along, 0.0)
     twice = 2 * along - theta
-    part = (
-        theta.sum(axis=1) * twice.sum(axis=1) + np.einsum("tv,tv->t", theta, twice)
-    ) / 12
+    sums = theta.sum(axis=1) * twice.sum(axis=1)
+    part = (sums + np.einsum("tv,tv->t", theta, twice)) / (k * (k + 1))
     outside = (along >= 0).all(axis=1)
     narrow = outside & (np.abs(r).max(axis=1, initial=0.0) <= VARIES)
     return np.maximum(np.where(outside, np.maximum(whole, part), part), 0.0), narrow

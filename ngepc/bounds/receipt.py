@@ -103,6 +103,8 @@ def write_receipt(result: ExactResult, path: str | Path) -> tuple[float, float]:
 def check_written(setting: BoundData, bound: ErrorBound) -> None:
     """Refuse problems without a receipt with a ValueError that names the argument."""
     law = setting.discrete.law
+    if setting.lower is not None:
+        raise ValueError("order=2: a receipt in three dimensions needs order=1")
     if not bound.guaranteed:
         raise ValueError(f"result: a receipt is a proof. {bound.message}")
     if setting.carried.left.any():
@@ -214,7 +216,7 @@ class PartedMesh:
         for corner in range(3):
             to_centre[:, corner] += u[nodes[:, corner]] / 3
             centre += u[nodes[:, corner]] / 9
-        for k, (i, j) in enumerate(EDGES):
+        for k, (i, j) in enumerate(EDGES[2]):
             ends = np.sort(nodes[:, [i, j]], axis=1)
             mean = (u[ends[:, 0]] + u[ends[:, 1]]) / 2 + BUBBLE / 2 * u[nodes[:, 3 + k]]
             values[np.searchsorted(self._edges, self._key(*ends.T))] = mean

@@ -9,6 +9,9 @@ and independent from face to face: for given delta the best stress of a tetrahed
 and delta solves  S delta = b  with  S = sum of B A^-1 B'.  For delta that are continuous S is the
 stiffness matrix of displacements of order one: the coarse solver of conjugate gradients.
 
+For displacements of order two the stress is that of the solution of order one on the same mesh. Its
+error is as small as theirs, and its pressure ends where the gap opens.
+
 Tractions that jump a little are averaged, brought into equilibrium at each vertex by ``Patches``,
 and the stresses are built from them again: they are admissible after any number of iterations.
 """
@@ -21,13 +24,23 @@ import numpy as np
 
 from ngepc._deprecated import old_names
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.data import BALANCED, PASSES, BoundData, Effort, factorise
+from ngepc.bounds.data import (
+    BALANCED,
+    PASSES,
+    BoundData,
+    Effort,
+    factorise,
+    feasible_state,
+    strain_coordinates,
+)
 from ngepc.bounds.element import ELEMENTS
-from ngepc.bounds.parts import RULE, portions
+from ngepc.bounds.parts import RULE, TO_NODES, portions
 from ngepc.bounds.simplices import FACETS
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.descent import conjugate_gradients
+from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.results.iteration import newton_iteration
 
 # which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
@@ -35,6 +48,8 @@ LOOSER = (
     15  # times the gain at which conjugate gradients stop where the pressure is sought
 )
 
+TOLERANCE = 1e-8  # the residual of the solution of order one below one of order two
+MOST_STEPS = 100
 CHUNK = 512  # tetrahedra whose matrices are made at once: they stay in the processor's cache
 # conjugate gradients only steer the search: what is found is made admissible in double
 SINGLE = np.float32
@@ -161,28 +176,59 @@ class SolidBoundData(BoundData):
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)
-        self.faces = Faces(self.boundary, self.piola)
+        if self.problem.order == 1:
+            self.faces = Faces(self.boundary, self.piola)
+            return
+        self.weights = np.full(len(TO_NODES[4]), 1 / len(TO_NODES[4]))
+        self.lower = SolidBoundData(DiscreteProblem(self.problem.changed(order=1)))
+        self.lower.effort = Effort(newton=2, gain=3e-5, steps=100)
 
     def best_stress(
         self, state: State, tangent: Factors, P: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """An admissible stress with a small bound, its mean on each cell, and its pressure P."""
-        c = self.cells
-        faces = self.faces
+        """An admissible stress with a small bound, the same at points, and its pressure P."""
+        if self.problem.order == 2:
+            return self._best_of_lower(state)
         z = self.stress(state)
         factorise(state, tangent)
-        H = self.conjugate.compliance(self.conjugate.completed(z[:, None]))[:, 0]
-        own = self.constant_moments(z) + faces.fill(H, self.carried.inner)
+        stress, P = self._nearest(state, tangent, z, P)
+        for _ in range(self.effort.newton):
+            stress, P = self._nearest(state, tangent, stress.mean(axis=1), P)
+        return stress, stress.mean(axis=1, keepdims=True), P
+
+    def _nearest(
+        self, state: State, tangent: Factors, z: np.ndarray, P: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The best admissible stress, at nodes, for phi* to second order around stresses z (nt, 6).
+
+        The pressure is sought, too, from P.
+        """
+        faces = self.faces
+        at = self.conjugate.completed(z[:, None])
+        H = self.conjugate.compliance(at)[:, 0]
+        off = strain_coordinates(state) - self.conjugate.gradient(at)[:, 0]
+        aim = z + np.linalg.solve(H, off[:, :, None])[:, :, 0]
+        own = self.constant_moments(aim) + faces.fill(H, self.carried.inner)
         P, found = self.sharpened(state, tangent, own, P)
         given = self.loads(state, P)[0]
-        b = given.reshape(-1, 3) - c.sums(own)
+        b = given.reshape(-1, 3) - self.cells.sums(own)
         found = self.displacements(tangent, b, self.effort.gain, found)
         own = own + faces.moments(faces.stresses(found[0]))
         own = self.balanced_moments(tangent, own, given)
         needed = np.matmul(CORNER_SUMS, own)
         table = ELEMENT.of_data
-        stress = self.built(own.reshape(-1, 4, 3, 3), needed, given, table)
-        return stress, stress.mean(axis=1, keepdims=True), P
+        return self.built(own.reshape(-1, 4, 3, 3), needed, given, table), P
+
+    def _best_of_lower(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same for displacements of order two."""
+        lower = self.lower
+        tangent = Factors(lower.discrete, "sparsecholesky")
+        start = lower.discrete.state(state.u[: len(self.cells.points)].copy())
+        found = newton_iteration(start, tangent, ExactResult, TOLERANCE, MOST_STEPS)
+        self.lower_state, _ = feasible_state(lower, found.state)
+        P = lower.contact.pressure(found.state.multipliers)
+        stress, _, P = lower.best_stress(self.lower_state, tangent, P)
+        return stress, at_points_of_parts(stress), P
 
     def adjoint_stress(
         self,
@@ -209,11 +255,20 @@ class SolidBoundData(BoundData):
         own = self.balanced_moments(tangent, own, moments)
         needed = np.matmul(CORNER_SUMS, own)
         tau = self.built(own.reshape(-1, 4, 3, 3), needed, moments, ELEMENT.of_data)
-        wanted = self.answer(tangent, z)
-        left = tau.reshape(len(tau), 4, 4, -1) - wanted[:, None, None]
-        left = np.matmul(RULE[4], left)
-        square = np.einsum("tkqc,tcd,tkqd->t", left, H, left) / 32
-        return tau, float(self.cells.volume @ square)
+        return tau, self.missed_energy(state, tangent, z, tau)
+
+    def missed_energy(
+        self, state: State, tangent: Factors, z: np.ndarray, tau: np.ndarray
+    ) -> float:
+        """Half the square of what stresses tau at nodes miss of the tangent's one of z."""
+        at = self.conjugate.completed(self.on_parts(self.stress(state)))
+        H = self.conjugate.compliance(at)
+        wanted = self.on_parts(self.answer(tangent, z))
+        left = at_points_of_parts(tau) - wanted
+        square = np.einsum(
+            "tqc,tqcd,tqd->t", left, np.broadcast_to(H, (*left.shape, 6)), left
+        )
+        return float(self.cells.volume @ square) / (2 * left.shape[1])
 
     def sharpened(
         self, state: State, tangent: Factors, own: np.ndarray, P: np.ndarray
@@ -229,7 +284,10 @@ class SolidBoundData(BoundData):
         faces.closed = np.zeros(faces.free.shape)
         faces.closed[slots] = closed[:, :, None] * normals
         b = self.loads(state, P)[0].reshape(-1, 3) - self.cells.sums(own)
-        found = self.displacements(tangent, b, LOOSER * self.effort.gain)
+        start = np.zeros(faces.free.shape)
+        left = self.contact.affine_room(state.u)
+        start[slots] = (closed * left)[:, :, None] * normals
+        found = self.displacements(tangent, b, LOOSER * self.effort.gain, (start, 0.0))
         faces.closed = None
         sums = self.cells.sums(own + faces.moments(faces.stresses(found[0])))
         pressed = (
@@ -291,6 +349,12 @@ class SolidBoundData(BoundData):
         sigma = ELEMENT.tensors(z)
         size = -self.cells.volume[:, None, None]
         return np.repeat(np.matmul(self.cells.gradients, sigma) * size, 3, axis=1)
+
+
+def at_points_of_parts(stress: np.ndarray) -> np.ndarray:
+    """Stresses at the nodes of the parts (nt, 16, c) at the points of ``AT_POINTS``."""
+    parts = stress.reshape(len(stress), 4, 4, -1)
+    return np.matmul(RULE[4], parts).reshape(stress.shape)
 
 
 __getattr__ = old_names(__name__)

@@ -56,6 +56,15 @@ class PointData:
         return PointData(*(value[chosen] for value in vars(self).values()))
 
 
+def kept_part(
+    trial: np.ndarray, two_mu: np.ndarray, hardening: np.ndarray, beta: np.ndarray
+) -> np.ndarray:
+    """The part of the trial stress that radial return leaves, (n,)."""
+    size = np.sqrt(dots(trial, trial))
+    share = np.minimum(beta / np.maximum(size, TINY), 1.0)
+    return (hardening + two_mu * share) / (two_mu + hardening)
+
+
 @dataclass(frozen=True, eq=False)
 class Stresses:
     """Stresses and strains at points: means (n,) and deviators (n, d)."""
@@ -74,7 +83,7 @@ class Stresses:
 def suprema(
     at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
 ) -> np.ndarray:
-    """Upper bound of the supremum at each point, shape (n,).
+    """Upper bound of the supremum at each point, and where it is a quadratic, (n,).
 
     Parameters
     ----------
@@ -99,16 +108,31 @@ def suprema(
 def _suprema(
     at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
 ) -> tuple[np.ndarray, np.ndarray]:
+    mean = mean_part(at, tau, sigma, strain, factor)
+    best, smooth = deviatoric_part(at, tau, sigma, strain, factor)
+    return best + mean, smooth
+
+
+def mean_part(
+    at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
+) -> np.ndarray:
+    """The part of the supremum by tr e, a quadratic of all of the data, (n,)."""
     own = at.bulk * at.volume
     pulled = tau.mean - at.bulk * strain.mean + factor * (sigma.mean - own)
-    mean = pulled**2 / (4 * factor * at.bulk)
+    return pulled**2 / (4 * factor * at.bulk)
+
+
+def deviatoric_part(
+    at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The part by dev e, and where it is the quadratic of the elastic law."""
     B = tau.deviator + factor * (sigma.deviator - at.stress)
     best, inside = elastic(at, B, strain.deviator, factor)
     plastic = Plastic(at, B, strain.deviator, factor)
     there = np.flatnonzero(plastic.possible)
     if len(there):
         best[there] = np.maximum(best[there], plastic.bound(there))
-    return best + mean, inside & ~plastic.possible
+    return best, inside & ~plastic.possible
 
 
 def dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -171,7 +171,7 @@ def carried_state(
 
     u, corners = np.empty_like(supports.values), at_corners(old.state.u)
     if problem.order == 2:
-        a, b = np.transpose(EDGES)
+        a, b = np.transpose(EDGES[problem.N])
         bubbles = old.state.u[there[:, ends:]]
         along = share[:, a] - share[:, b]
         corners += BUBBLE * np.matmul(share[:, :, a] * share[:, :, b], bubbles)

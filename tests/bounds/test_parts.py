@@ -31,8 +31,8 @@ def test_six_points_have_degree_four():
 
 
 def test_points_of_parts_lie_in_them():
-    """Barycentric coordinates of the triangle from those of its three parts."""
-    for shares in (AT_POINTS, TO_NODES):
-        assert shares.shape == (18, 3)
+    """Barycentric coordinates of the cell from those of its parts."""
+    for shares in (*AT_POINTS.values(), *TO_NODES.values()):
+        assert shares.shape in ((18, 3), (16, 4))
         assert (shares >= 0).all()
         np.testing.assert_allclose(shares.sum(axis=1), 1.0, rtol=1e-14)

@@ -1,0 +1,70 @@
+"""Integrals of the supremum where strains are affine: above fine quadrature, and near it."""
+
+import numpy as np
+import pytest
+
+from ngepc.bounds.parts import NODES, RULE, TO_NODES, WEIGHTS, coefficients
+from ngepc.bounds.varying import VaryingData, integrals, likely_integrals
+
+TWO_MU = 2e3
+BETA = 5.0
+PARTS = 30
+FACTOR = 0.5
+
+
+def data_of(k, d):
+    """Random parts, some of which yield in part, with stresses near those of the tangent."""
+    rng = np.random.default_rng(k)
+    corners = {4: 4, 6: 3}[k]
+
+    def affine(count, scale, spread):
+        """Coefficients of affine functions with a mean of this size."""
+        mean = scale * rng.normal(size=(PARTS, 1, count))
+        at_corners = mean + spread * scale * rng.normal(size=(PARTS, corners, count))
+        first = TO_NODES[corners][: NODES[{4: 16, 6: 18}[k]]]
+        return coefficients(np.matmul(first, at_corners))
+
+    trial = affine(d, BETA / np.sqrt(d), 0.3)
+    strain = affine(d, 1e-3, 0.3)
+    volume = affine(1, 1e-3, 0.3)
+    trace = affine(1, 1e-3, 0.3)
+    off = 0.2 * rng.normal(size=(2, PARTS, k, 1 + d))
+    one = np.ones(PARTS)
+    law = {"bulk": 3e3 * one, "two_mu": TWO_MU * one}
+    law |= {"hardening": 100 * one, "beta": BETA * one}
+    size = np.minimum(1, BETA / np.linalg.norm(trial, axis=2, keepdims=True))
+    return VaryingData(
+        tau=np.concatenate([3e3 * trace, TWO_MU * strain], axis=2) + off[0],
+        sigma=np.concatenate([3e3 * volume, size * trial], axis=2) + off[1],
+        volume=volume,
+        trial=trial,
+        back=affine(d, 0.1, 0.0),
+        trace=trace,
+        strain=strain,
+        law=law,
+        size=rng.uniform(0.5, 2.0, PARTS),
+        owner=np.arange(PARTS),
+    )
+
+
+@pytest.mark.parametrize(("k", "d"), [(4, 5), (6, 3), (6, 2)])
+def test_bounds_lie_above_fine_quadrature_and_near_it(k, d):
+    data = data_of(k, d)
+    for each in (data, data.turned()):
+        bound = integrals(each, FACTOR, PARTS)
+        fine = each
+        for _ in range(3):
+            fine = fine.cut()
+        work = fine.size * (fine.at(RULE[k]).work() @ WEIGHTS[k])
+        own = each.size * (each.at(RULE[k]).work() @ WEIGHTS[k])
+        exact = np.bincount(fine.owner, likely_integrals(fine, FACTOR) - work) + own
+        assert (bound >= exact - 1e-9 * exact.sum()).all()
+        assert bound.sum() < 1.1 * exact.sum()
+
+
+def test_quadratics_are_integrated_exactly():
+    """Nothing yields far inside the ball."""
+    data = data_of(4, 5)
+    data.law["beta"][:] = 1e6
+    bound = integrals(data, FACTOR, PARTS)
+    np.testing.assert_allclose(bound, likely_integrals(data, FACTOR), rtol=1e-10)
