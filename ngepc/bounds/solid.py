@@ -36,6 +36,7 @@ from ngepc.bounds.data import (
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.parts import RULE, TO_NODES, portions
 from ngepc.bounds.simplices import FACETS
+from ngepc.bounds.transfer import lowered_problem
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.descent import conjugate_gradients
 from ngepc.local.result import ExactResult
@@ -180,7 +181,7 @@ class SolidBoundData(BoundData):
             self.faces = Faces(self.boundary, self.piola)
             return
         self.weights = np.full(len(TO_NODES[4]), 1 / len(TO_NODES[4]))
-        self.lower = SolidBoundData(DiscreteProblem(self.problem.changed(order=1)))
+        self.lower = SolidBoundData(DiscreteProblem(lowered_problem(self.problem)))
         self.lower.effort = Effort(newton=2, gain=3e-5, steps=100)
 
     def best_stress(

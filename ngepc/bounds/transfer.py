@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import fields, replace
 
@@ -26,6 +26,7 @@ from ngepc.model.material import Material
 from ngepc.model.own import size_of
 from ngepc.model.problem import Problem
 
+HISTORY = ("initial_plastic_strain", "initial_hardening", "initial_accumulated")
 # how near bisections come to what should be left, which mostly falls faster than expected
 CLOSE = 1.03
 
@@ -122,17 +123,15 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
 
     def carried(value: object) -> object:
         """A number, a coefficient or several."""
-        if isinstance(value, tuple | list):
-            return tuple(map(carried, value))
-        if not isinstance(value, CoefficientFunction):
-            return value
+        return mapped(value, on_children_of)
+
+    def on_children_of(value: CoefficientFunction) -> CoefficientFunction:
         meshes = problem.mesh, mesh
         before, after = (Points(m, problem.kinematics, problem.order) for m in meshes)
         values = on_children(before.at(value), before, after, parents)
-        function = after.functions.function(values)
-        return function.Reshape(tuple(value.dims)) if len(value.dims) == 2 else function
+        return shaped_like(value, after.functions.function(values))
 
-    names = ["initial_plastic_strain", "initial_hardening", "initial_accumulated"]
+    names = [*HISTORY]
     if problem.f is not None and not varies_inside(problem, problem.f):
         names.append("body_force")
     material = problem.material
@@ -142,6 +141,37 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
     vars(finer).update(mesh=mesh, material=replace(material, **changes))
     vars(finer).update(solved_on=size_of(mesh))
     return finer
+
+
+def mapped(
+    value: object, change: Callable[[CoefficientFunction], CoefficientFunction]
+) -> object:
+    """A number, a coefficient or several, with coefficients changed."""
+    if isinstance(value, tuple | list):
+        return tuple(mapped(one, change) for one in value)
+    return change(value) if isinstance(value, CoefficientFunction) else value
+
+
+def shaped_like(
+    value: CoefficientFunction, function: CoefficientFunction
+) -> CoefficientFunction:
+    """A function with the same components as a coefficient, as a matrix where that is one."""
+    dims = tuple(value.dims)
+    return function.Reshape(dims) if len(dims) == 2 else function
+
+
+def lowered_problem(problem: Problem) -> Problem:
+    """The problem with displacements of order one, and a history that is constant on elements.
+
+    What is affine on an element has the value at its centre there.
+    """
+    points = Points(problem.mesh, problem.kinematics, 1)
+
+    def constant(value: CoefficientFunction) -> CoefficientFunction:
+        return shaped_like(value, points.functions.function(points.at(value)))
+
+    history = {name: mapped(getattr(problem, name), constant) for name in HISTORY}
+    return problem.changed(order=1, **history)
 
 
 def carried_state(

@@ -14,6 +14,7 @@ from ngepc import (
     Coulomb,
     Material,
     NewtonOptions,
+    evolve,
     primal_newton,
     semismooth_newton,
     solve_to,
@@ -393,3 +394,21 @@ def test_facets_are_looked_at_where_smooth_obstacles_rise_most():
         return (rise + (triangles**2).sum(axis=2) @ shares.T).max(axis=1)
 
     assert (highest(FACET_RULES[3].shares) >= 0.95 * highest(np.array(grid))).all()
+
+
+def test_histories_of_order_two_start_from_affine_ones():
+    """Plastic strains of a step vary on the elements of the next one."""
+    problem = ngepc.Problem(
+        block.mesh(0.6),
+        MATERIAL,
+        "clamped",
+        traction={"contact": (1.5, 0.1, -0.5)},
+        order=2,
+    )
+    run = evolve(problem, [(0.6, {}), (1.0, {})], error=0.6)
+    last = run.steps[-1].solution
+    bound = error_bound(last)
+    assert np.ptp(last.discrete.law.initial.reshape(-1, 4, 5), axis=1).max() > 0
+    assert bound.relative <= 0.6
+    fine = semismooth_newton(finer(last.problem, 1)).primal_energy
+    assert bound.least_energy < fine < bound.energy
