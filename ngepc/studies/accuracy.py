@@ -20,8 +20,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from netgen.geom2d import Circle, CSG2d, EdgeInfo, Solid2d
 from netgen.occ import OCCGeometry
-from ngsolve import Mesh, sqrt, x, y
+from ngsolve import CoefficientFunction, Mesh, sqrt, x, y
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngepc.geometries.published import half_block, polygon
@@ -62,10 +63,41 @@ ALUMINIUM = Metal(70.0, 1 / 3, 0.243, 0.135)
 HINGE = Metal(1e3, 0.3, 2.0, 1.5e-3 * 385)
 SPHERE = Metal(2.5e3, 0.25, 0.5 * math.sqrt(1.5), 150.0)
 
-RADIUS = 10.0
-DEPTH = 3e-3
-REACH = 0.36
-"""The rigid sphere, how deep it is pressed in, and how far from the axis it may touch."""
+STEEL = Metal(210e3, 0.3, 200.0, 12e3)
+
+
+@dataclass(frozen=True)
+class Rigid:
+    """A rigid disc or sphere above a flat boundary, as a layer of stiff elements for CalculiX.
+
+    ``axis`` and ``top`` are the coordinates of the point that it would touch first, ``depth`` is
+    how deep it is pressed in; the layer has so many ``cells`` over the ``span`` of each horizontal
+    coordinate, and facets below ``reach`` may touch it.
+    """
+
+    radius: float
+    depth: float
+    axis: float
+    top: float
+    span: tuple[float, float]
+    reach: float
+    cells: int
+
+    @property
+    def gap(self) -> CoefficientFunction:
+        """The distance along the vertical, for ngepc."""
+        away = x - self.axis
+        square = away * away if self.axis else x * x + y * y
+        return self.radius - sqrt(self.radius**2 - square) - self.depth
+
+    def height(self, square: np.ndarray) -> np.ndarray:
+        """The surface before it moves, at squared distances from the axis."""
+        return self.top + self.radius - np.sqrt(self.radius**2 - square)
+
+
+SPHERICAL = Rigid(10.0, 3e-3, 0.0, 1.0, (-0.015, 0.36), 0.36, 24)
+PUNCH = Rigid(25.0, 0.2, 30.0, 40.0, (19.5, 40.5), 41.0, 160)
+"""Of the block, and of the first lecture."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +116,7 @@ class Case:
     printed: tuple[str, object, int, float]
     levels: tuple[int, int]
     reference: float | None = None
+    rigid: Rigid | None = None
 
     def problem(self, level: int, simplices: bool = True) -> Problem:
         """The problem for ngepc, all defaults."""
@@ -149,6 +182,20 @@ def quarter_block(level: int, simplices: bool) -> Mesh:
         nz=int(1.5 * n),
         mapping=lambda s, t, u: (0.5 * graded(s), 0.5 * graded(t), 1 - graded(1 - u)),
     )
+
+
+def first_block(level: int, simplices: bool) -> Mesh:
+    """The block with a hole of the page on first steps (mm)."""
+    coarse = 8.0 / 2**level
+    corners = ((0, 0), (60, 0), (60, 40), (40, 40), (20, 40), (0, 40))
+    sides = [EdgeInfo(bc="free") for _ in corners]
+    sides[0] = EdgeInfo(bc="clamped")
+    sides[3] = EdgeInfo(bc="contact", maxh=coarse / 4)
+    outline = zip(corners, sides, strict=True)
+    block = Solid2d([item for corner in outline for item in corner], mat="body")
+    body = CSG2d()
+    body.Add(block - Circle((30, 18), radius=8, bc="hole"))
+    return Mesh(body.GenerateMesh(maxh=coarse))
 
 
 def force_on(boundary: str, component: int, factor: float) -> Number:
@@ -218,24 +265,37 @@ CASES = {
             "clamped": "bottom",
             "prescribed": {"back": (0, None, None), "left": (None, 0, None)},
             "contact": "top",
-            "gap": RADIUS - sqrt(RADIUS**2 - x * x - y * y) - DEPTH,
+            "gap": SPHERICAL.gap,
         },
         lambda result: 4 * result.contact_force,
         ("force", "bottom", 2, 4.0),
         (4, 4),
+        rigid=SPHERICAL,
+    ),
+    "first steps, punch": Case(
+        first_block,
+        STEEL,
+        {"clamped": "clamped", "contact": "contact", "gap": PUNCH.gap},
+        lambda result: result.contact_force,
+        ("force", "clamped", 1, 1.0),
+        (4, 0),
+        rigid=PUNCH,
     ),
 }
 """Name -> case."""
 
 PROGRAMS = (
     "default",
+    "default, bricks",
     "order 1",
     "order 2, direct",
     "order 2, PyAMG",
     "ccx",
     "ccx, bricks",
 )
-"""ngepc by default and by own choices; CalculiX on the same meshes and on those of bricks."""
+"""ngepc by default and by own choices; CalculiX on the same meshes; both on those of bricks."""
+
+BRICKS = ", bricks"
 
 
 def deck_of(case: Case, mesh: Mesh) -> Deck:
@@ -251,7 +311,7 @@ def deck_of(case: Case, mesh: Mesh) -> Deck:
     held = held_lines(case, body, deck)
     moved = []
     if "contact" in case.loads:
-        moved = rigid_sphere(case, body, deck)
+        moved = rigid_layer(case, body, deck)
     deck.add("*BOUNDARY", *[line for line, value in held if value == 0])
     if moved:
         deck.add(*moved[:-1])
@@ -297,47 +357,64 @@ def traction_lines(case: Case, body: QuadraticMesh) -> list[str]:
     return lines
 
 
-def rigid_sphere(case: Case, body: QuadraticMesh, deck: Deck) -> list[str]:
-    """A layer of stiff bricks in the form of the sphere, and contact with it.
+def rigid_layer(case: Case, body: QuadraticMesh, deck: Deck) -> list[str]:
+    """A layer of stiff elements in the form of the rigid surface, and contact with it.
 
     Returns lines of *BOUNDARY, the last one that of the step.  The stiffness of contact is 50 times
     Young's modulus, the smallest at which the force no longer changes by a percent.
     """
-    cells = 24
-    s = np.linspace(-0.015, REACH, cells + 1)
-    X, Y = np.meshgrid(s, s, indexing="ij")
-    Z = 1 + RADIUS - np.sqrt(RADIUS**2 - X**2 - Y**2)
-    below = np.stack([X, Y, Z], axis=-1).reshape(-1, 3)
+    rigid = case.rigid
+    plane = body.points.shape[1] == 2
+    below, corners = curve_of(rigid) if plane else surface_of(rigid)
     above = below.copy()
-    above[:, 2] = 1.1
-    corner = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
-    quads = [corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]]
-    quads = np.stack(quads, axis=-1).reshape(-1, 4)
-    bricks = np.hstack([quads, quads + len(below)])
+    above[:, -1] = below[:, -1].max() + 0.1 * (rigid.span[1] - rigid.span[0])
+    layers = [corners, corners + len(below)]
+    if plane:
+        layers[1] = layers[1][:, ::-1]  # around the element
 
     first = deck.elements
-    before = deck.mesh(np.vstack([below, above]), bricks, "C3D8", "RIGID")
-    deck.node_set("RIGIDNODES", np.arange(before, before + 2 * len(below)))
-    deck.surface("MASTER", [(first + k, 0) for k in range(len(bricks))])
+    points = np.vstack([below, above])
+    before = deck.mesh(points, np.hstack(layers), "CPE4" if plane else "C3D8", "RIGID")
+    deck.node_set("RIGIDNODES", np.arange(before, before + len(points)))
+    deck.surface("MASTER", [(first + k, 0) for k in range(len(corners))])
     near = [
         (element, face)
         for element, face in body.faces_on(case.loads["contact"])
-        if within_reach(body, element, face)
+        if within_reach(rigid, body, element, face)
     ]
     deck.surface("SLAVE", near)
     young = case.metal.young
     deck.material("STIFF", 10 * young, case.metal.poisson)
-    deck.section("RIGID", "STIFF", plane=False)
+    deck.section("RIGID", "STIFF", plane)
     deck.add("*SURFACE INTERACTION,NAME=TOUCH")
     deck.add("*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR", f"{50 * young:.12g}")
     deck.add("*CONTACT PAIR,INTERACTION=TOUCH,TYPE=SURFACE TO SURFACE", "SLAVE,MASTER")
-    return ["RIGIDNODES,1,2,0.", f"RIGIDNODES,3,3,{-DEPTH:.12g}"]
+    up = 2 if plane else 3
+    return [f"RIGIDNODES,1,{up - 1},0.", f"RIGIDNODES,{up},{up},{-rigid.depth:.12g}"]
 
 
-def within_reach(body: QuadraticMesh, element: int, face: int) -> bool:
+def curve_of(rigid: Rigid) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a disc, and the two ends of each piece of its surface."""
+    s = np.linspace(*rigid.span, rigid.cells + 1)
+    points = np.column_stack([s, rigid.height((s - rigid.axis) ** 2)])
+    number = np.arange(rigid.cells)
+    return points, np.column_stack([number, number + 1])
+
+
+def surface_of(rigid: Rigid) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a sphere, and the four corners of each piece of its surface."""
+    s = np.linspace(*rigid.span, rigid.cells + 1)
+    X, Y = np.meshgrid(s, s, indexing="ij")
+    points = np.stack([X, Y, rigid.height(X**2 + Y**2)], axis=-1).reshape(-1, 3)
+    corner = np.arange((rigid.cells + 1) ** 2).reshape(rigid.cells + 1, -1)
+    quads = [corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]]
+    return points, np.stack(quads, axis=-1).reshape(-1, 4)
+
+
+def within_reach(rigid: Rigid, body: QuadraticMesh, element: int, face: int) -> bool:
     """Whether a face lies below the rigid surface."""
     corners = body.corners[element, list(calculix.FACES[body.shape][face])]
-    return bool(body.points[corners, :2].max() < REACH)
+    return bool(body.points[corners, :-1].max() < rigid.reach)
 
 
 def printed(case: Case, body: QuadraticMesh, deck: Deck) -> None:
@@ -365,7 +442,7 @@ def choice(program: str, problem: Problem) -> tuple[Problem, NewtonOptions]:
 
 def by_ngepc(case: Case, program: str, level: int) -> dict:
     """The number of a case by ngepc, and its cost, without the mesh."""
-    mesh = case.mesh(level, True)
+    mesh = case.mesh(level, not program.endswith(BRICKS))
     begin = time.process_time()
     problem = Problem(mesh, case.metal.material, **case.loads)
     problem, options = choice(program, problem)
@@ -430,7 +507,7 @@ class Accuracy(OverMeshes):
         found = []
         for case, data in CASES.items():
             for program in PROGRAMS:
-                of_bricks = program == "ccx, bricks"
+                of_bricks = program.endswith(BRICKS)
                 if program.startswith("ccx") and not calculix.available():
                     continue
                 if not (of_bricks and data.levels[1] == 0):
@@ -440,7 +517,7 @@ class Accuracy(OverMeshes):
     def solve(self, case: str, program: str) -> dict:
         """The number on all meshes, its errors, and the times to 5 and 1 percent."""
         data = CASES[case]
-        bricks = program == "ccx, bricks"
+        bricks = program.endswith(BRICKS)
         exact = reference(case)
         runs = []
         for level in range(min(self.levels, data.levels[bricks])):

@@ -31,13 +31,15 @@ CORNER_EDGES = {
 """Corners of the edges in the order in which CalculiX wants the nodes in the middle."""
 
 FACES = {
+    ET.TRIG: CORNER_EDGES[ET.TRIG],
+    ET.QUAD: CORNER_EDGES[ET.QUAD],
     ET.TET: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
     ET.HEX: (
         *((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1)),
         *((1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
     ),
 }
-"""Corners of the faces S1, S2, ... of solids."""
+"""Corners of the faces S1, S2, ... of elements."""
 
 KINDS = {ET.TRIG: "CPE6", ET.QUAD: "CPE8R", ET.TET: "C3D10", ET.HEX: "C3D20R"}
 """The quadratic elements that its manual recommends for plasticity."""
@@ -100,7 +102,7 @@ class QuadraticMesh:
         return found
 
     def faces_on(self, boundary: str) -> list[tuple[int, int]]:
-        """Elements and local numbers of the faces of a boundary of a solid."""
+        """Elements and local numbers of the faces of a boundary."""
         wanted = {
             tuple(sorted(v.nr for v in facet.vertices))
             for facet in self._mesh.Boundaries(boundary).Elements()

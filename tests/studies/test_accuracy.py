@@ -52,6 +52,17 @@ def test_faces_point_outwards(name):
         assert (outwards > 0).all() or (outwards < 0).all()
 
 
+@pytest.mark.parametrize("name", ["triangles", "quadrilaterals"])
+def test_sides_of_plane_elements_are_those_of_the_boundary(name):
+    """Each S1, S2, ... of an element on the right boundary lies there."""
+    body = QuadraticMesh(MESHES[name])
+    sides = body.faces_on("right")
+    assert len(sides) == 3
+    for element, side in sides:
+        corners = body.corners[element, list(FACES[body.shape][side])]
+        assert np.allclose(body.points[corners, 0], 1)
+
+
 def test_nodes_and_edges_of_a_boundary():
     body = QuadraticMesh(MESHES["triangles"])
     right = body.nodes_on("right")
@@ -63,7 +74,11 @@ def test_nodes_and_edges_of_a_boundary():
 @needs_ccx
 @pytest.mark.parametrize(
     ("case", "bricks", "tolerance"),
-    [("Cook's membrane", False, 1e-3), ("plastic hinge, 3D", False, 5e-3)],
+    [
+        ("Cook's membrane", False, 1e-3),
+        ("plastic hinge, 3D", False, 5e-3),
+        ("first steps, punch", False, 2e-3),
+    ],
 )
 def test_two_programs_agree(case, bricks, tolerance):
     """The same quadratic simplices; one increment here, some there."""
@@ -93,4 +108,5 @@ def test_times_are_read_off_between_meshes():
 def test_without_ccx_its_rows_are_left_out(tmp_path, monkeypatch):
     monkeypatch.setattr(calculix, "available", lambda: False)
     programs = {cell["program"] for cell in Accuracy(tmp_path).cells()}
-    assert programs == {"default", "order 1", "order 2, direct", "order 2, PyAMG"}
+    own = {"default", "order 1", "order 2, direct", "order 2, PyAMG"}
+    assert programs == own | {"default, bricks"}
