@@ -170,8 +170,9 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     for part in parts:
         if part not in known:
             legal = ", ".join(map(repr, known))
+            none = " (clamped=None if no boundary is)" if argument == "clamped" else ""
             raise ValueError(
-                f"{asked}there is no boundary {part!r}; this mesh has {legal}"
+                f"{asked}there is no boundary {part!r}; this mesh has {legal}{none}"
             )
         if PATTERN & set(part):
             signs = "".join(sorted(PATTERN)) + ", a pattern to NGSolve: rename it"

@@ -207,7 +207,7 @@ FEATURES = {
     "thickness": _feature("a thickness of 1, that is None", _present, "thickness"),
     "order 2": _feature("displacements of order 1 (order=1)", _order),
     "other shapes": _feature("triangles or tetrahedra", _other_shapes),
-    "curved elements": _feature("straight edges", _curved),
+    "curved elements": _feature("straight edges (mesh.Curve(1) makes them)", _curved),
     "shared mesh": _feature("a mesh of one process", _shared),
     "kinematic hardening": _feature(
         "isotropic hardening alone", _in_material, "hardening"
