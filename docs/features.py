@@ -20,7 +20,7 @@ PAGE = Path(__file__).with_name("features.md")
 
 METHODS = {
     "exact": solver.COVERS,
-    "witness": energy.COVERS,
+    "primal": energy.COVERS,
     "gamma": blocks.COVERS,
     "bound": bounds.COVERS,
     "goal": goal_bound.COVERS,
@@ -42,15 +42,15 @@ before any work, and the error names the feature. `problem.features` says which 
 problem has.
 
 - **exact**: `semismooth_newton`, `evolve`, `material_point`, and the certificate of a result
-- **witness**: `primal_newton`
+- **primal**: `primal_newton`, the second, independent solver
 - **gamma**: the paper's regularised method, `semismooth_newton(problem, gamma=...)`,
   `follow_path`, `duality_report`
-- **bound**: `error_bound`, `solve_to`: what "guaranteed" is said for
+- **bound**: `error_bound`, `solve_to`: the guaranteed bounds of the error
 - **goal**: `goal_bound`, `solve_to(goal=...)`, `verdict`
 - **receipt**: `write_receipt`
 - **bracket**: `contact_force_bracket`, `displacement_bracket`, `evolve(error=...)`
 - **limit load**: `limit_load`, with obstacles that touch
-- **derivative**: `gradient`, `tangent`, `calibrate`: what "differentiable" is said for
+- **derivative**: `gradient`, `tangent`, `calibrate`
 - **estimate**: `error_indicators`
 - **picture**: `plot_field`, `plot_plastic_zone`, `write_report`; **VTU**: `export_vtu`
 - **processes**: a mesh that several processes share
@@ -61,8 +61,9 @@ TAIL = """
 Bounds of order 2 in three dimensions do not cover friction. Bounds and brackets need coefficients
 that are constant on each element.
 
-This page is made by `python docs/features.py`; a test compares it with the methods, and another
-one runs each method on a problem with each feature: it is right beside a witness, or refuses.
+This page is made by `python docs/features.py`, and a test compares it with the methods. Another
+test runs each method on a problem with each feature: the result agrees with an independent
+computation, or the method refuses the problem by name.
 """
 
 

@@ -1,8 +1,7 @@
 """ngepc: elasto-plastic contact with NGSolve.
 
-The public names stand in ``__init__.pyi``, for static tools and for this file alike.  They are
-loaded when they are first used, so that ``import ngepc`` and ``ngepc --help`` need not wait for
-NGSolve.
+The public names are listed in ``__init__.pyi``, for static tools and for this file.  They are
+loaded when they are first used, so that ``import ngepc`` and ``ngepc --help`` are fast.
 """
 
 import ast
@@ -15,7 +14,7 @@ from ngepc._version import __version__ as __version__
 
 
 def _homes() -> dict[str, str]:
-    """Public name -> the module that it is imported from, as the stub beside this file says."""
+    """Public name -> the module that it is imported from, read from ``__init__.pyi``."""
     stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
     imports = (node for node in stub.body if isinstance(node, ast.ImportFrom))
     return {alias.name: node.module for node in imports for alias in node.names}
@@ -35,7 +34,7 @@ _GONE = {
     "Fractional": "FullProduct() has no boundary conditions either, and needs no dense matrix",
     "augmented_lagrangian": "semismooth_newton(problem) solves the problem without regularisation",
 }
-"""Public names of the version before -> what to take instead."""
+"""Public names of the previous version -> what to take instead."""
 
 
 def __getattr__(name: str) -> object:

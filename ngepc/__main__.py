@@ -1,8 +1,8 @@
 """The command line: ``ngepc solve``, ``ngepc study``, ...
 
 Exit status 0 when everything converged, 1 when something did not, 2 for bad usage, 130 after
-Ctrl-C.  An exception that a signal handler raises while NGSolve's bindings convert an argument is
-cleared by them: ours remembers the signal, and the next line of progress raises it again.
+Ctrl-C.  NGSolve's bindings clear an exception that a signal handler raises while they convert an
+argument.  Therefore the handler stores the signal, and the next line of progress raises it again.
 """
 
 import argparse
@@ -25,10 +25,10 @@ from ngepc.results.files import no_empty_folders
 
 @contextmanager
 def remembered() -> Iterator[None]:
-    """Remember SIGINT, ``pressed`` on the handler, where Python's own one is in charge."""
+    """Record SIGINT in ``pressed`` of the handler, if Python's own handler is installed."""
 
     def handle(number: int, frame: FrameType | None) -> NoReturn:
-        """Note that the key was pressed, and interrupt."""
+        """Record that Ctrl-C was pressed, and interrupt."""
         handle.pressed = True
         raise KeyboardInterrupt
 
@@ -65,12 +65,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         kept = (
-            ", and the same command goes on from there"
-            if args.command == "study"
-            else ""
+            "; run the same command again to resume" if args.command == "study" else ""
         )
         sys.stderr.write(
-            f"ngepc {args.command}: stopped by you; what was written is kept{kept}\n"
+            f"ngepc {args.command}: interrupted; files written so far are kept{kept}\n"
         )
         return 130
 

@@ -1,4 +1,4 @@
-"""Names and modules of the version before, kept for one version with a DeprecationWarning.
+"""Names and modules of the previous version, kept for one version with a DeprecationWarning.
 
 Each old name gives the object that has taken its place.  ``install`` makes old modules
 importable, ``old_names`` is the ``__getattr__`` of modules that have lost names, ``renamed`` makes

@@ -1,1 +1,1 @@
-"""Guaranteed bounds of the energy error, and meshes that follow them."""
+"""Guaranteed bounds of the energy error, and adaptive refinement."""

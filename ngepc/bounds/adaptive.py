@@ -1,4 +1,4 @@
-"""Adaptive refinement to a tolerance: meshes that follow the guaranteed bound."""
+"""Adaptive refinement to a tolerance, by the guaranteed bound."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from ngepc.results.outcome import IterationRecord, Status
 log = logging.getLogger(__name__)
 
 ALGEBRAIC_SHARE = 0.1  # Newton's part of the bound that ends the iteration on a mesh
-# Newton pauses at a step that lowers the energy by less than this part of the last bound
+# Newton pauses at a step that lowers the energy by less than this fraction of the last bound
 SMALL_STEP = 0.1
-FEWER = 0.45  # nodes of a mesh over those of the next one, about
+FEWER = 0.45  # approximate ratio of the nodes of a mesh and of the next one
 LEAST_LEFT = 1e-6  # smallest part of an error that a sequence of meshes aims at
-AIM = 0.97  # meshes aim at this part of the tolerance, as expected errors are not exact
+AIM = 0.97  # meshes aim at this fraction of the tolerance, as expected errors are not exact
 TOLERANCE = 1e-10  # the residual at which Newton stops if no small step stops it before
 # how Newton's method ends where refinement goes on
 SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
@@ -49,12 +49,12 @@ class Refinement(Declared):
     Parameters
     ----------
     marking
-        Doerfler's share: the fewest elements whose indicators add up to this part of the bound
+        Doerfler's share: the fewest elements whose indicators add up to this fraction of the bound
         are bisected, in (0, 1], until less than half of the bound is expected to be left.
     max_nodes
-        Most vertices of a mesh.
+        Largest number of vertices of a mesh.
     max_iterations
-        Most Newton steps on one mesh.
+        Largest number of Newton steps on one mesh.
     """
 
     marking: Annotated[float, Check(require_number, least=0, strict=True, most=1)] = (
@@ -125,7 +125,7 @@ class BoundedResult:
 
     @property
     def guaranteed(self) -> bool:
-        """Whether what ``found`` says is proved; False where data are known from samples."""
+        """Whether ``found`` is proved; False if data are known from samples only."""
         return self.bound.guaranteed if self.goal is None else self.goal.guaranteed
 
     @property
@@ -141,7 +141,7 @@ class BoundedResult:
 
 
 SMALLEST_ERROR = 1e-12
-"""A smaller relative error of the energy is within rounding."""
+"""Smaller relative errors of the energy are below rounding errors."""
 
 
 @one_blas_thread
@@ -161,21 +161,21 @@ def solve_to(
     problem
         The data; refinement starts from a copy of its mesh.
     relative_error
-        Bound for ``ErrorBound.relative``, >= 1e-12, what rounding leaves, and < 1.
+        Bound for ``ErrorBound.relative``, >= 1e-12 (rounding errors) and < 1.
     options
         Marking and limits.
     monitor
         Called with the record of each mesh; raising StopIteration ends the run.
     goal
-        A goal of ``goal_bound``: meshes follow its indicators until half the width of its interval
-        is at most ``percent`` percent of its middle, and ``relative_error`` does not count.
+        A goal of ``goal_bound``: meshes are refined by its indicators until half the width of its
+        interval is at most ``percent`` percent of its middle; ``relative_error`` is then ignored.
     percent
         The percentage, > 0.
 
     Raises
     ------
     TypeError, ValueError
-        For arguments that are not legal, and problems that no bound covers.
+        For illegal arguments, and for problems that no bound covers.
     """
     require_instance("problem", problem, Problem, "a Problem")
     asked = asked_error(problem, relative_error, goal, percent)

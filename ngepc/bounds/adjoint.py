@@ -1,4 +1,4 @@
-"""The adjoint of a goal: a displacement z and a stress in equilibrium with the load of the goal.
+"""The adjoint of a goal: a displacement z and a stress that balances the load of the goal.
 
 Any pair that satisfies the conditions of ``goal_bound`` on the contact boundary gives a bound. Here
 z is the solution of the tangent problem for the load of the goal, with z . n = c where the body
@@ -20,8 +20,8 @@ from ngepc.bounds.goal_terms import GoalTerms
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import State
 
-TOUCHES = 1e-10  # part of the largest force of a row above which it presses
-HOLDS = 20  # most passes until no more rows are held
+TOUCHES = 1e-10  # fraction of the largest force of a row above which it presses
+HOLDS = 20  # largest number of passes until no more rows are held
 UNMOVED = 1e-5
 """Tolerance of equilibrium, relative to the forces that hold the displacements."""
 ROUNDING = 1e-10  # tolerance of the conditions before a node is changed
@@ -109,14 +109,14 @@ class AdjointProblem:
 
     @cached_property
     def presses(self) -> np.ndarray:
-        """Rows that press, as booleans."""
+        """Rows with a contact pressure, as booleans."""
         multipliers = self.state.multipliers
         return multipliers > TOUCHES * max(multipliers.max(initial=0.0), 1e-300)
 
     def _steered(
         self, forces: np.ndarray, wanted: np.ndarray, factor: float
     ) -> np.ndarray:
-        """z with rows held that press or that violate the conditions."""
+        """z with the rows held that have a pressure or violate the conditions."""
         count = len(wanted)
         gap = np.maximum(self.state.gaps[:count], 0.0)
         chosen = self.presses.copy()

@@ -6,7 +6,7 @@ a contact pressure P >= 0,
     J(u) - inf J  <=  J(u) + D(sigma)
         =  int [phi(eps(u)) + phi*(sigma) - sigma : eps(u)] + int_contact P (psi - u . n),
 
-where phi is the density of J that is smallest over p.  Both integrands are nowhere negative: they
+where phi is the density of J that is smallest over p.  Both integrands are nonnegative: they
 are the indicators.
 """
 
@@ -47,10 +47,10 @@ class ErrorBound:
     total
         Upper bound of the energy error (force times length).
     algebraic
-        No less than J(u) - J_h: what further iterations on this mesh would remove, and what it
-        cost to clear the obstacle between the nodes.
+        Upper bound of J(u) - J_h: the part that further iterations on this mesh would remove, and
+        the energy needed to remove penetration between the nodes.
     per_cell
-        What each cell adds to ``total``, nowhere negative but for rounding.
+        The contribution of each cell to ``total``, nonnegative up to rounding.
     admissible
         The stress at the vertices of the parts of each cell, (triangles, 9, 3) in-plane coordinates
         ((xx + yy)/2, (xx - yy)/2^(1/2), 2^(1/2) xy), or (tetrahedra, 16, 6) with the mean stress
@@ -58,7 +58,7 @@ class ErrorBound:
     pressure
         The contact pressure P >= 0 that goes with it, at the vertices of the contact facets.
     moved
-        By how much the displacement of the result was changed to clear the obstacle (length).
+        Largest change of the displacement to remove penetration of the obstacle (length).
     oscillation
         The part of ``total`` that stands for loads that vary inside elements.
     """
@@ -87,8 +87,8 @@ class ErrorBound:
     def guaranteed(self) -> bool:
         """Whether the bound is proved: all data are polynomials on elements, or numbers.
 
-        Finite element functions and sums and products of these, of numbers and coordinates are.
-        For other functions the bound rests on samples, see ``message``.
+        Polynomials are numbers, coordinates, finite element functions, and their sums and products.
+        For other functions the bound depends on samples, see ``message``.
         """
         return not self.sampled
 
@@ -97,7 +97,7 @@ class ErrorBound:
         """The reasons why the bound is not guaranteed; empty if it is."""
         if self.guaranteed:
             return ""
-        return f"{what_is_unseen(self.problem, None)} The bound is no proof."
+        return f"{what_is_unseen(self.problem, None)} The bound is not proved."
 
     @property
     def kind(self) -> str:
@@ -171,16 +171,16 @@ def error_bound(result: object) -> ErrorBound:
     Parameters
     ----------
     result
-        What a solver of a :class:`Problem` returned.  Where its displacement violates the obstacle
-        it is moved, the plastic strain is the best one for it: ``ErrorBound.state`` is what the
-        bound is for.  Order two is for plane problems.
+        The result of a solver of a :class:`Problem`.  Where its displacement violates the obstacle
+        it is moved, with the optimal plastic strain; the bound is for ``ErrorBound.state``.
+        Order two is for plane problems.
 
     Raises
     ------
     TypeError
-        If ``result`` is none.
+        If ``result`` is not the result of a solver.
     ValueError
-        For what no bound covers, naming the argument of the problem.
+        For problems that no bound covers; the message names the argument of the problem.
     RuntimeError
         If rounding leaves the stress out of equilibrium, or supports keep the displacement from
         clearing the obstacle.

@@ -49,14 +49,14 @@ class OuterFacets:
         values = self.values(value, on)
         if len(self.scan(value, on).hidden):
             raise ValueError(
-                f"{name} varies where rules miss it: bounds need it affine on the "
-                "boundary elements"
+                f"{name} varies between quadrature points: bounds need a function that is "
+                "affine on the boundary elements"
             )
         defect = np.abs(self.rule.affine_defect(values)).max(initial=0.0)
         if defect > CONSTANT * np.abs(values).max(initial=1e-300):
             order = ", or order=1" if name == "traction" else ""
             raise ValueError(
-                f"{name} is not affine on the boundary elements: bounds need it{order}"
+                f"{name} is not affine on the boundary elements, as bounds need it{order}"
             )
         return values
 

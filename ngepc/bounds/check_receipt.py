@@ -158,7 +158,7 @@ def prepare(r: SimpleNamespace) -> None:
     J = r.points[corner[:, 1:]] - r.points[corner[:, :1]]
     r.det = np.abs(np.linalg.det(J))
     r.length = np.sqrt((J**2).sum(axis=(1, 2)))
-    need((r.det > 1e-9 * r.length**N).all(), "cells: one is too flat")
+    need((r.det > 1e-9 * r.length**N).all(), "cells: a cell is too flat")
     inverse = np.linalg.inv(J).transpose(0, 2, 1)
     r.slopes = np.concatenate([-inverse.sum(axis=1, keepdims=True), inverse], axis=1)
     r.steep = np.sqrt((inverse**2).sum(axis=(1, 2)))
@@ -169,14 +169,14 @@ def prepare(r: SimpleNamespace) -> None:
     nodes = corner[:, SIDES[N]].reshape(-1, N)
     number = nodes @ len(r.points) ** np.arange(N)[::-1]
     _, first, side, count = np.unique(number, True, True, True)
-    need(count.max() <= 2, "cells: three share a side")
+    need(count.max() <= 2, "cells: a side belongs to three cells")
     r.ends = nodes[first]
     r.side = side.reshape(-1, N + 1)
     r.first = first
     r.out = first[count == 1]  # sides of the boundary, by cell
     same = r.boundary.shape == (len(r.out), N)
     same = same and (r.boundary == r.ends[count == 1]).all()
-    need(same, "boundary: not the sides of one cell, in ascending order")
+    need(same, "boundary: the sides of a single cell, in ascending order, are needed")
     if r.cells.shape[1] > N + 1:
         nodes = np.column_stack([nodes, r.cells[:, N + 1 :].ravel()])
     need((nodes[first][side.ravel()] == nodes).all(), "u: not continuous")
@@ -188,11 +188,14 @@ def prepare(r: SimpleNamespace) -> None:
 
 
 def check_admissible(r: SimpleNamespace) -> None:
-    """Displacements meet supports and clear the obstacle; pressures are nowhere negative."""
+    """Displacements meet supports and clear the obstacle; pressures are nonnegative."""
     same = (r.on_sides == r.prescribed) | ~r.held[:, None]
     need(same.all(), "u: not the prescribed displacement")
     need((r.pressure >= 0).all(), "pressure: negative")
-    need((r.pressure[~r.contact] == 0).all(), "pressure: where nothing touches")
+    need(
+        (r.pressure[~r.contact] == 0).all(),
+        "pressure: not zero where there is no obstacle",
+    )
     n = r.normal / r.measure[r.out, None]
     room = r.gap - (r.on_sides @ n[..., None])[..., 0]
     room -= r.near[:, None] * np.sqrt((r.on_sides**2).sum(axis=2))
@@ -372,8 +375,8 @@ def check(path: str) -> dict:
         arrays = dict(file)
     header = json.loads(str(arrays.pop("header")))
     lower, upper = interval(arrays, header)
-    need(header["lower"] <= lower, f"lower: {header['lower']} claimed, {lower} shown")
-    need(upper <= header["upper"], f"upper: {header['upper']} claimed, {upper} shown")
+    need(header["lower"] <= lower, f"lower: {header['lower']} claimed, {lower} proved")
+    need(upper <= header["upper"], f"upper: {header['upper']} claimed, {upper} proved")
     return header
 
 

@@ -22,7 +22,7 @@ from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
-# part of the largest nodal force that may be missing after PASSES corrections at most
+# fraction of the largest nodal force that may be missing after PASSES corrections at most
 BALANCED = 1e-12
 PASSES = 2
 PARTED = (
@@ -39,9 +39,10 @@ AT_CORNERS = {3: 2 * np.eye(3)[[1, 2, 0]] - 1 / 3, 4: np.linalg.inv(RULE[4])}
 class Effort:
     """Limits of the search for the best stress.
 
-    At most ``newton`` Newton steps follow the tangent at the discrete stress, none where the bound
-    exceeds what the tangent promised by less than the part ``trust``.  Conjugate gradients stop at
-    a step that gains less than the part ``gain`` of the bound, and after ``steps`` at most.
+    At most ``newton`` Newton steps follow the solve with the tangent at the discrete stress; none
+    if the bound exceeds the value predicted by the tangent by less than the fraction ``trust``.
+    Conjugate gradients stop at a step that lowers the bound by less than the fraction ``gain``,
+    and after at most ``steps``.
     """
 
     newton: int = 2
@@ -102,7 +103,7 @@ class BoundData:
     def built(
         self, own: np.ndarray, needed: np.ndarray, given: np.ndarray, table: np.ndarray
     ) -> np.ndarray:
-        """The stress with means of facet moments ``own`` of both sides, put into equilibrium.
+        """The stress with means of facet moments ``own`` of both sides, equilibrated.
 
         ``own`` (nt, N + 1, N, N) are outward, ``needed`` and ``given`` those of ``Patches``; a
         table from data as ``Element.of_data`` says where the stress is known, (nt, places, c).

@@ -19,8 +19,10 @@ from scipy.sparse.csgraph import connected_components
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.simplices import FACETS
 
-BALANCED = 1e-8  # part of the largest corner force that may be out of balance
-ROUNDING = 1e-13  # part of the largest moment that may be missing without one more pass
+BALANCED = 1e-8  # fraction of the largest corner force that may be out of balance
+ROUNDING = (
+    1e-13  # fraction of the largest moment that may be missing without one more pass
+)
 PASSES = 2
 
 
@@ -54,7 +56,7 @@ class Patches:
         )
         if connected_components(graph, directed=False)[0] > len(self._first):
             by = {2: "edges", 3: "faces"}[N]
-            raise ValueError(f"mesh: bounds need parts that hang together by {by}")
+            raise ValueError(f"mesh: bounds need elements that are connected by {by}")
         self._free = np.repeat(~boundary.given, N, axis=0).astype(float)
         self._inverses: list[csr_matrix] = []
         for k, free in enumerate(self._free.T):
@@ -113,6 +115,6 @@ class Patches:
                 break
         if left > BALANCED * size:
             raise RuntimeError(
-                f"the stress is out of equilibrium by {left / size:.1e} of its size"
+                f"the stress could not be equilibrated: relative residual {left / size:.1e}"
             )
         return mu.reshape(-1, N, N)

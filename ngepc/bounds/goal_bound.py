@@ -71,14 +71,14 @@ class GoalBound:
     bound
         The error bound of the result.
     adjoint
-        Error of the adjoint: half the square of what its stress and strain miss of the tangent's
+        Error of the adjoint: half the squared residual of its stress and strain in the tangent's
         law, in the units of the goal squared over energy.
     factor
         The lambda of the interval (goal over energy).
     per_cell
-        What each cell adds to half the width, nowhere negative but for rounding.
+        The contribution of each cell to half the width, nowhere negative but for rounding.
     note
-        What was replaced to make the goal continuous.
+        How the goal was changed to make it continuous.
     """
 
     name: str
@@ -167,10 +167,10 @@ def goal_bound(result: object, goal: object) -> GoalBound:
     Raises
     ------
     TypeError
-        If ``result`` is none, or ``goal`` is none.
+        If ``result`` is not the result of a solver, or ``goal`` is not a goal.
     ValueError
-        For what goal bounds do not cover, naming the argument: friction, loads that vary inside
-        elements, and what error bounds do not cover.
+        For problems that goal bounds do not cover; the message names the argument: friction, loads
+        that vary inside elements, and everything that error bounds do not cover.
     RuntimeError
         As ``error_bound``.
     """
@@ -218,7 +218,9 @@ class GoalProblem:
         discrete = terms.value(setting, self.bound.state)
         energy = self.bound.strain_energy
         if not energy > 0:
-            raise ValueError("result: a goal bound needs a body that is strained")
+            raise ValueError(
+                "result: a goal bound needs a deformed body, all strains are zero"
+            )
         scale = abs(discrete)
         if terms.motion is not None:
             scale = max(scale, np.abs(self.bound.state.internal_forces).max())

@@ -108,11 +108,11 @@ class GoalTerms:
     name
         For messages and pictures.
     load
-        A problem whose tractions and body force are the load of the goal; None for none.
+        A problem whose tractions and body force are the load of the goal; None if there is none.
     factor
         c on each contact facet.
     motion
-        The motion of supports, minus that of the reaction, (nodes, N); None for none.
+        The motion of supports, minus that of the reaction, (nodes, N); None if there is none.
     note
         What was replaced to make the goal continuous; may be empty.
     lower
@@ -251,7 +251,7 @@ def _displacement_at(goal: object, problem: Problem, zero: np.ndarray) -> GoalTe
     force = [CF(0.0)] * problem.N
     force[component] = patch
     load = _loaded(problem, None, CF(tuple(force)))
-    note = f"The displacement is the mean over the element around {goal.point}."
+    note = f"The displacement is the mean over the element that contains {goal.point}."
     return GoalTerms("displacement", load, zero, None, note)
 
 

@@ -36,7 +36,7 @@ from ngepc.model.problem import Problem
 COVERS = BOUNDED - {"friction"}
 """Features that brackets cover: those of bounds, without friction, for slopes of the energy."""
 
-PASSES = 3  # most lengths that are tried on each side
+PASSES = 3  # largest number of lengths that are tried on each side
 MOST_STEPS = 100  # Newton steps of each solve
 NEAR = 1.3  # lengths within this factor of the best one are accepted
 
@@ -52,9 +52,9 @@ class Between:
     discrete
         The quantity of the result.
     guaranteed
-        Whether the bracket is proved; False where data are known from samples.
+        Whether the bracket is proved; False if data are known from samples only.
     message
-        What it does not see; empty where it is guaranteed.
+        Why it is not guaranteed; empty if it is.
     """
 
     lower: float

@@ -25,9 +25,9 @@ from ngepc.discretisation.law import Law
 from ngepc.local.system import State
 
 SPLITS = {3: 3, 4: 2}
-"""Most levels of cutting, by the number of vertices of a part."""
+"""Largest number of levels of cutting, by the number of vertices of a part."""
 WORTH = 0.05
-"""Parts are cut until the possible gain is this part of the integrals."""
+"""Parts are cut until the possible gain is this fraction of the integrals."""
 
 
 MIDDLE = {}

@@ -118,7 +118,7 @@ AT_NODES = quadratics(
     MIDDLES
 )  # values at vertices and edge midpoints from coefficients
 WORTH = {3: 0.004, 4: 0.02, 6: 0.007}
-"""Parts are split for the plastic term until that can gain this part of the bound.
+"""Parts are split for the plastic term until that can gain this fraction of the bound.
 
 Half of it on each level, as many parts gain nothing.
 """

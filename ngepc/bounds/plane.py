@@ -1,4 +1,4 @@
-"""The best stress in two dimensions: equilibrated, then tightened by Airy functions.
+"""The best stress in two dimensions: equilibrated, then optimised by Airy functions.
 
 For displacements of order two stresses are quadratic; those of Johnson and Mercier are affine.
 """

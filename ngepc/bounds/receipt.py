@@ -36,11 +36,11 @@ COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress
 """Features that receipts cover."""
 
 RESOLVED = 0.02
-"""Part of the bound up to which the checker resolves the plastic terms."""
+"""Fraction of the bound up to which the checker resolves the plastic terms."""
 CLEARANCE = 1e-11
-"""Part of the largest displacement by which bodies are moved away from the obstacle."""
+"""Fraction of the largest displacement by which bodies are moved away from the obstacle."""
 WIDER = 1e-12
-"""Part of the energies by which claims are widened, for rounding on other machines."""
+"""Fraction of the energies by which claims are widened, for rounding on other machines."""
 _CENTRE = {
     2: IntegrationRule([(1 / 3, 1 / 3)], [1.0]),
     3: IntegrationRule([(1 / 4, 1 / 4, 1 / 4)], [1.0]),
@@ -63,17 +63,17 @@ def write_receipt(result: ExactResult, path: str | Path) -> tuple[float, float]:
     Returns
     -------
     lower, upper
-        What the least energy of the continuous problem lies between.
+        An interval that contains the least energy of the continuous problem.
 
     Raises
     ------
     TypeError
-        If ``result`` is none.
+        If ``result`` is not the result of a solver.
     ValueError
-        For what has no receipt, by name: friction, laws of hardening, initial strains, plane
-        stress, data that bounds know from samples only, loads and histories that vary
-        inside elements, obstacles that are not affine on facets, bodies in several pieces; and
-        what error bounds do not cover.
+        For problems without a receipt; the message names the reason: friction, hardening laws,
+        initial strains, plane stress, data that are known from samples only, loads and histories
+        that vary inside elements, obstacles that are not affine on facets, bodies in several
+        pieces; and everything that error bounds do not cover.
     RuntimeError
         As ``error_bound``.
     """
@@ -106,7 +106,7 @@ def check_written(setting: BoundData, bound: ErrorBound) -> None:
     if setting.lower is not None:
         raise ValueError("order=2: a receipt in three dimensions needs order=1")
     if not bound.guaranteed:
-        raise ValueError(f"result: a receipt is a proof. {bound.message}")
+        raise ValueError(f"result: a receipt needs a proved bound. {bound.message}")
     if setting.carried.left.any():
         raise ValueError(
             "body_force, traction: a receipt needs a body force that is constant on "

@@ -72,7 +72,7 @@ class Faces:
     """The unknowns on the faces, and the matrices of the tetrahedra.
 
     ``free`` (3 nf, 3) are components of delta that no support holds; ``closed`` (3 nf, 3) has unit
-    normals where delta is held along them, zero elsewhere; None for none.
+    normals where delta is held along them, zero elsewhere; None if there is none.
     """
 
     def __init__(self, boundary: Boundary, piola: np.ndarray) -> None:

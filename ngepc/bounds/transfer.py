@@ -66,7 +66,7 @@ def parents_in(number: GridFunction) -> np.ndarray:
 def bisected_to(
     mesh: Mesh, indicators: np.ndarray, share: float, left: float
 ) -> tuple[Mesh, np.ndarray]:
-    """A copy of the mesh, bisected until this part of the indicators should be left.
+    """A copy of the mesh, bisected until this fraction of the indicators should be left.
 
     The part v of an element's volume is expected to get the part v^(1 + 2/N) of its indicator, as
     for order one and smooth solutions: where edges are halved three quarters go.  Those with a

@@ -1,4 +1,4 @@
-"""Answers: does a number keep a limit, and how far can a result be believed."""
+"""Verdicts: is a number below or above a limit, and how accurate is a result."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ PASS = "PASS"
 FAIL = "FAIL"
 UNDECIDED = "UNDECIDED"
 FINEST = 1e-4
-"""The percentage that meshes are made for: it is not reached, the limit decides before."""
+"""The percentage that meshes aim at; the limit is usually decided before it is reached."""
 TOLERANCE = 1e-9
 MOST_STEPS = 100
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """Whether a number keeps a limit.
+    """Whether a number satisfies a limit.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ def verdict(
     options: Refinement | None = None,
     seconds: float = 60.0,
 ) -> Verdict:
-    """Whether a force or a displacement of the continuous solution keeps a limit.
+    """Whether a force or a displacement of the continuous solution satisfies a limit.
 
-    Meshes follow the goal until its interval lies on one side of the limit.
+    The mesh is refined for the goal until its interval lies on one side of the limit.
 
     Parameters
     ----------
@@ -75,13 +75,13 @@ def verdict(
     options
         Marking and limits of the meshes.
     seconds
-        No new mesh is begun after so many.
+        No new mesh is started after so many seconds.
 
     Returns
     -------
     Verdict
-        PASS where all of the interval keeps the limit, FAIL where none of it does, UNDECIDED where
-        the limit still lies in it.
+        PASS if the whole interval satisfies the limit, FAIL if no part of it does, UNDECIDED if
+        the limit lies in the interval.
 
     Raises
     ------
@@ -118,14 +118,14 @@ def verdict(
         outcome = FAIL if above else PASS
     words = name.replace("_", " ")
     sentence = " ".join(
-        filter(None, (f"{found}, asked {words} {limit:g}.", found.message))
+        filter(None, (f"{found}, required: {words} {limit:g}.", found.message))
     )
     return Verdict(outcome, found, run, sentence)
 
 
 @one_blas_thread
 def confidence(result: object) -> str:
-    """One line: how far the energy of a result is from that of the continuous problem.
+    """One line about the distance of the energy of a result from that of the continuous problem.
 
     A guaranteed bound where there is one, else an estimate by another order or by one refinement
     of the mesh, which costs one more solve.
@@ -133,12 +133,12 @@ def confidence(result: object) -> str:
     Parameters
     ----------
     result
-        What a solver of a ``Problem`` returned.
+        The result of a solver of a ``Problem``.
 
     Raises
     ------
     TypeError
-        If ``result`` is none.
+        If ``result`` is not the result of a solver.
     """
     problem = getattr(result, "problem", None)
     if not isinstance(problem, Problem):
@@ -151,7 +151,7 @@ def confidence(result: object) -> str:
     if bound.guaranteed:
         return f"Guaranteed: the energy error is at most {percent:.2g} percent."
     return (
-        f"Bounded from samples: the energy error is at most {percent:.2g} percent. "
+        f"Bound from samples of the data: the energy error is at most {percent:.2g} percent. "
         f"{bound.message}"
     )
 

@@ -1,7 +1,7 @@
 """A ``Response`` as a function of JAX or PyTorch, whose derivative is that of ``gradient``.
 
-Nothing is differenced and nothing of the solver is traced: the value is that of a solve, and the
-derivative comes from one linear solve with its last tangent.
+There are no difference quotients, and the solver is not traced: the value comes from a solve, and
+the derivative from one linear solve with its last tangent.
 """
 
 from __future__ import annotations

@@ -45,11 +45,9 @@ COVERED = 6
 """Degree of the rule at whose points a function of another mesh has to be defined."""
 
 BEYOND = 1e-4
-"""How far a point just outside a mesh is from it, as a part of an element's width."""
+"""Distance of a point just outside a mesh from it, relative to an element's width."""
 
-PATTERN = frozenset(
-    "\\^$.*+?()[]{}|"
-)  # signs that NGSolve does not take for themselves
+PATTERN = frozenset("\\^$.*+?()[]{}|")  # characters that NGSolve reads as a pattern
 
 
 def is_number(value: object) -> bool:
@@ -175,8 +173,10 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
                 f"{asked}there is no boundary {part!r}; this mesh has {legal}{none}"
             )
         if PATTERN & set(part):
-            signs = "".join(sorted(PATTERN)) + ", a pattern to NGSolve: rename it"
-            raise ValueError(f"{asked}the name {part!r} has one of the signs {signs}")
+            signs = "".join(sorted(PATTERN)) + ", which NGSolve reads as a pattern"
+            raise ValueError(
+                f"{asked}the name {part!r} has one of the characters {signs}: rename it"
+            )
     if not parts:
         raise ValueError(f"{asked}at least one boundary name is needed")
     return tuple(dict.fromkeys(parts))

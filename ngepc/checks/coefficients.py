@@ -96,8 +96,8 @@ def with_numbers(name: str, value: CoefficientFunction) -> CoefficientFunction:
     leaves = list(leaves_of(value, PARAMETER))
     if any(sealed(leaf, PARAMETER) for leaf in leaves):
         raise ValueError(
-            f"{name} has a Parameter in a part that cannot be rebuilt, a CacheCF for "
-            "example: a number or a coefficient without it is needed"
+            f"{name} has a Parameter inside a part that cannot be rebuilt, for example a "
+            "CacheCF: a number or a coefficient without such a part is needed"
         )
     if not any(isinstance(leaf, Parameter) for leaf in leaves):
         return value
@@ -134,8 +134,8 @@ def foreign_meshes(name: str, value: object, mesh: Mesh) -> list[Mesh]:
     for leaf in leaves_of(value, FUNCTION):
         if sealed(leaf, FUNCTION):
             raise ValueError(
-                f"{name} has a GridFunction in a part that cannot be looked into, a CacheCF "
-                "for example: the function itself is needed"
+                f"{name} has a GridFunction inside a part that cannot be read, for example a "
+                "CacheCF: the function itself is needed"
             )
         other = leaf.space.mesh if isinstance(leaf, GridFunction) else mesh
         if other.dim != mesh.dim:

@@ -1,1 +1,1 @@
-"""The command line: ``commands`` has all options in tables, ``work`` does what they say."""
+"""The command line: ``commands`` has all options in tables, ``work`` carries them out."""

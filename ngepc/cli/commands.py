@@ -1,7 +1,7 @@
 """Every command and every study with its options: tables, from which the parser is made.
 
-What they do stands in ``ngepc.cli.work`` and ``ngepc.studies``.  Nothing here imports NGSolve,
-so that help and usage errors answer at once.
+The work itself is in ``ngepc.cli.work`` and ``ngepc.studies``.  This module does not import
+NGSolve, so that help and usage errors appear at once.
 """
 
 import argparse
@@ -218,7 +218,7 @@ STUDIES = {
     "counts": Command("Newton steps of the default method", work="counts:NewtonCounts"),
         "cost": Command("cost of a solve, in elastic solves", work="cost:Cost"),
     "locking": Command("volume locking: three tests, orders 1 and 2", work="locking:Locking"),
-    "overlap": Command("what bodies overlap between nodes, and stability of the pressure",
+    "overlap": Command("overlap between nodes, and stability of the contact pressure",
                        work="overlap:BetweenNodes"),
         "bounds": Command("guaranteed error bounds and the true error", work="bounds:Bounds"),
     "benchmarks": Command("published problems: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
@@ -236,7 +236,7 @@ STUDIES = {
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A parser that says what is wrong in one line, without the usage in front."""
+    """A parser whose errors are one line, without the usage."""
 
     def error(self, message: str) -> NoReturn:
         """Exit with status 2."""

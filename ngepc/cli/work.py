@@ -78,7 +78,7 @@ def solve(args: argparse.Namespace) -> int:
         error = f"at most {percent:.3g} percent, {bound.kind}"
     summarise(record, error, args.json, args.quiet)
     written = []
-    how = "give --save FILE next time to be able to go on"
+    how = "use --save FILE to be able to resume"
     if args.save is not None:
         _save_run(args, record, result)
         written = [args.save]
@@ -309,7 +309,7 @@ def path(args: argparse.Namespace) -> int:
     steps = f"{record['total_inner_iterations']} for {record['outer_iterations']} values of gamma"
     shown = {"method": "path", "iterations": steps}
     summarise(record, "not bounded", args.json, args.quiet, **shown)
-    kept = "give --checkpoint FILE next time to be able to go on"
+    kept = "use --checkpoint FILE to be able to resume"
     how = kept if args.checkpoint is None else "resume with the same command"
     done = f"{len(followed.steps)} values of gamma"
     return exit_status("path", record["status"], done, how)
@@ -493,5 +493,5 @@ def exit_status(command: str, status: str, done: str, how: str) -> int:
     """The exit status of a run; after Ctrl-C it writes a line on how to resume."""
     if status != "stopped":
         return 0 if status in ("converged", "bounded") else 1
-    sys.stderr.write(f"ngepc {command}: stopped by you after {done}; {how}\n")
+    sys.stderr.write(f"ngepc {command}: interrupted after {done}; {how}\n")
     return 130

@@ -1,13 +1,14 @@
 """The discretised body (supports, contact rows, loads), and the residual of an iterate.
 
-Some parts of a body are held by contact alone.  Rigid motions z of such a
-part cost no energy, so that J has a minimum only if forces of contact can balance the loads l on
+Some parts of a body may be held by contact alone.  Rigid motions z of such a
+part need no energy, so that J has a minimum only if forces of contact can balance the loads l on
 all of them: there are admissible forces x of the rows with
 
     l(z) = x . R z    for all z that the supports leave free.
 
-That is a linear program, small since a part has at most six motions.  In a solution the rows that
-press or stick determine z; a motion that is zero on all of them is left undetermined.
+This is a small linear program, because a part has at most six rigid motions.  In a solution the
+rows with pressure or sticking friction determine z; a motion that vanishes on all of them is
+undetermined.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from ngepc.model.support import floating_motions, held_directions
 
 EPSILON = float(np.finfo(float).eps)
 
-TOUCHING = 1e-12  # a gap is open beyond this part of the largest displacement
+TOUCHING = 1e-12  # a gap is open beyond this fraction of the largest displacement
 
 ROUNDING_SCALE = (
     4e-6  # part of |K| |u| that residuals are relative to, in a body without forces
@@ -166,7 +167,7 @@ class Iterate:
     internal_forces: np.ndarray  # nodal forces of the stress, shape (nodes, N)
     energy: float  # J with the p that is best for u, and friction (force times length)
     moduli: Any  # data for which ``DiscreteBody.stiffness`` assembles the tangent
-    flowing: float  # the largest |p| where a law hardens no more
+    flowing: float  # the largest |p| where the material no longer hardens
     plastic_measure: float  # area or volume of what yields in this step
 
     def with_radial_return(self) -> Iterate:
@@ -174,7 +175,7 @@ class Iterate:
         return self
 
     def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
-        """The work of the stress at u + t du times du, and the state there with forces of rows."""
+        """The derivative of the internal energy at u + t du along du, and the state there."""
         raise NotImplementedError
 
     @property

@@ -283,7 +283,7 @@ def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows
             if size < HELD_NORMAL and abs(left) > 1e-8 * max(1e-300, *np.abs(known)):
                 raise ValueError(
                     f"prescribed[{place!r}] and another support give a node different displacements"
-                    f" along {d.round(6).tolist()}: the values must agree, {left:g} is left"
+                    f" along {d.round(6).tolist()}: the values must agree, they differ by {left:g}"
                 )
             new.append(size >= FREE_NORMAL)
             if new[-1]:

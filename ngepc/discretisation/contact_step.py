@@ -1,4 +1,4 @@
-"""Contact in a Newton step: forces that satisfy its conditions, and the work along the step."""
+"""Contact in a Newton step: forces that satisfy the contact conditions, and their work."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import STARTS
 from ngepc.linalg.secants import Compliance, solve_by_secants
 
-ROUNDING = 3e-14  # gaps of closed rows below this part of the displacements are zero
+ROUNDING = (
+    3e-14  # gaps of closed rows below this fraction of the displacements are zero
+)
 BESIDE = 1e-3  # distance from a kink at which the slope of friction is taken, as a part of the step
 
 EXAMINED = 600
@@ -41,8 +43,8 @@ SEARCHED = (
     "there is none."
 )
 LINEARISED = (
-    "Friction: none of all contact states is another equilibrium of the body as it is linearised "
-    "here, which is no proof for a body that yields."
+    "Friction: no other contact state is an equilibrium of the body linearised at this solution, "
+    "which is no proof for a body that yields."
 )
 """Messages if uniqueness was neither proved nor disproved."""
 

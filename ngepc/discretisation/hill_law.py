@@ -22,7 +22,7 @@ from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.resistance import EXACT
 from ngepc.model.data import ProblemData
 
-STEPS = 100  # most Newton and bisection steps for g
+STEPS = 100  # largest number of Newton and bisection steps for g
 
 
 def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:

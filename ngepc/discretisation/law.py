@@ -39,14 +39,14 @@ from ngepc.model.data import ProblemData
 from ngepc.model.material import split_hardening
 
 ROUNDING = 1e-9
-"""Part of beta by which |s| has to exceed beta before a point counts as yielding.
+"""Fraction of beta by which |s| has to exceed beta before a point counts as yielding.
 
 A load step starts with |s| = beta, up to rounding, wherever the last one has yielded; these points
 count as elastic, so that unloading needs one Newton step.
 """
 
 SOFTEST = 1e-8  # part of the elastic modulus in tangents where a law does not harden
-SEARCHES = 100  # most Newton and bisection steps for a free component of the strain
+SEARCHES = 100  # largest number of Newton and bisection steps for a free component of the strain
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""The law at the points that belongs to a problem."""
+"""The choice of the law at the integration points for a problem."""
 
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.law import Law, VonMisesLaw

@@ -37,7 +37,7 @@ THIN = 1e-12  # smaller overlaps, as a part of a facet, are neglected
 SLIVER = {1: 1e-8, 2: 1e-6}
 """Order -> smallest relative eigenvalue of a facet's mass matrix for biorthogonal functions."""
 
-COVERED = 1e-6  # rows with a smaller part of the largest weight are left out
+COVERED = 1e-6  # rows with a smaller fraction of the largest weight are left out
 
 
 def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactRows:

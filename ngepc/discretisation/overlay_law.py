@@ -23,7 +23,7 @@ from ngepc.discretisation.resistance import EXACT, Resistance
 from ngepc.model.data import ProblemData
 
 NEVER = 1e80  # bound, in units of 2 mu, of the sub-element that does not yield
-STEPS = 60  # most Newton steps for the strain of a stress
+STEPS = 60  # largest number of Newton steps for the strain of a stress
 SHORTEST = 2.0**-20  # step length of Newton's method for that
 DECREASE = 1e-4  # part of the decrease predicted by the slope that a step must reach
 

@@ -190,7 +190,7 @@ class Moduli:
     across: np.ndarray
     extra: np.ndarray
     direction: np.ndarray  # unit vectors d in deviatoric coordinates, shape (points, d)
-    # a symmetric matrix on (tr, dev) to be added, shape (points, 1 + d, 1 + d); None for none
+    # a symmetric matrix on (tr, dev) to be added, or None, shape (points, 1 + d, 1 + d)
     coupling: np.ndarray | None = None
 
     def __call__(self, e: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ FIRST = 1e-3
 """Start of brackets for |p|, which are doubled: huge ones would lose digits of energies."""
 
 EXACT = 4 * np.finfo(float).eps
-"""Part of a stress to which equations at the points are solved."""
+"""Fraction of a stress to which equations at the points are solved."""
 
 
 @dataclass(frozen=True, eq=False)

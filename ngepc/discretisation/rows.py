@@ -48,9 +48,9 @@ SHAPES = tuple(EDGES)
 """The shapes of facets."""
 
 JUMP = 0.4
-"""A gap jumps where it misses its polynomial by more than this part of what the coefficient and the
-value at a node differ by."""
-ZERO_GAP = 1e-9  # smaller differences, as a part of the largest gap, are no jump
+"""A gap jumps if it differs from its polynomial by more than this fraction of the difference
+between the coefficient and the value at a node."""
+ZERO_GAP = 1e-9  # smaller differences, as a fraction of the largest gap, are no jump
 HELD = 1e-8  # a row with a smaller free part is held by the support: no contact can happen there
 
 

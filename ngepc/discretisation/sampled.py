@@ -1,4 +1,4 @@
-"""Which data of a problem are known from samples only, and what a user must know of that.
+"""Data of a problem that are known from samples only, and the message about them.
 
 Numbers, finite element functions and polynomials on elements are known exactly.  Anything else is
 looked at in points: loads on the lattice of ``Scan``, gaps at the nodes of contact, materials and
@@ -59,7 +59,10 @@ def what_is_unseen(problem: Problem, scanned: Collection[str] | None = LOADS) ->
     if not names:
         return ""
     told = [f"{name} ({_seen_at(problem, name, scanned)})" for name in names]
-    return f"Known from samples: {', '.join(told)}. What is narrower can be missed."
+    return (
+        f"Data known from samples only: {', '.join(told)}. "
+        "Variations between the samples can be missed."
+    )
 
 
 def _seen_at(problem: Problem, name: str, scanned: Collection[str] | None) -> str:

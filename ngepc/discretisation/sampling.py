@@ -40,9 +40,9 @@ COARSEST = {1: 128, 2: 12, 3: 6}
 MOST_POINTS = 8_000_000
 """Points of a lattice on all elements; where they would be more the lattice is coarser."""
 LEVELS = {1: 12, 2: 4, 3: 1}
-"""Most levels of cutting, by dimension."""
+"""Largest number of levels of cutting, by dimension."""
 STEEP = {1: 0.01, 2: 0.05, 3: 0.1}
-"""A part is cut if its corners differ by more than this part of the variation in the element."""
+"""A part is cut if its corners differ by more than this fraction of the element's variation."""
 FOLLOWED = 1e-4
 """Part of the largest value that a cubic function may miss on an element that rules integrate.
 

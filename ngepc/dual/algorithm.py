@@ -133,7 +133,8 @@ class NewtonSystem:
         """
         if functional.blocks is not self._blocks:
             raise ValueError(
-                "functional has blocks of its own: one on the same blocks is needed"
+                "functional was made with other blocks: one with the blocks of this "
+                "system is needed"
             )
         self._sum.values[:] = self._saddle
         self._sum.add(self._blocks.B, self._first, 1 / functional.weights.tichonov)

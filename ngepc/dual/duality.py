@@ -87,7 +87,7 @@ def duality_report(result: DualResult) -> DualityReport:
     Raises
     ------
     TypeError
-        If ``result`` is no such result.
+        If ``result`` is not such a result.
     """
     result = getattr(result, "last", result)
     if not isinstance(result, DualResult):

@@ -63,7 +63,7 @@ class PathOptions(Declared):
         at most this one; alone they stay above c h, however far the path is followed.  None for
         no such check.
     max_outer_iterations
-        Most values of gamma.
+        Largest number of values of gamma.
     newton
         Limits, quadrature, line search and direct solver of Algorithm 7.1.  Its tolerance is the
         residual that counts as zero: it ends a problem without a step.
@@ -188,9 +188,9 @@ class Rules:
         self.h_c = contact_mesh_width(blocks.problem) / length
 
     def settled(self, steps: Sequence[PathStep]) -> tuple[int, bool]:
-        """How often V_gamma has changed by less than the part tau_out h, and whether it just did.
+        """How often V_gamma has changed by less than tau_out h (relative), and whether it just did.
 
-        Each time the safeguard has reduced tau_out.
+        The safeguard reduces tau_out each time.
         """
         times = 0
         now = False

@@ -113,7 +113,7 @@ class PathResult(Ending):
 
 
 class PathStore:
-    """The checkpoint of a path, None for none; OSError, before any work, if it cannot be written.
+    """The checkpoint of a path, or None; OSError before any work if it cannot be written.
 
     It belongs to a problem, the spaces and all options but the limits.
     """

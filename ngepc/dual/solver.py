@@ -23,7 +23,7 @@ def solve_regularised(
 ) -> DualResult:
     """Solve (D_gamma) from zero or from an earlier result.
 
-    Arguments as of ``semismooth_newton``.
+    The same arguments as ``semismooth_newton``.
     """
     if not isinstance(options.direct_solver, str):
         raise ValueError(

@@ -21,7 +21,7 @@ from ngepc.dual.result import DualResult
 from ngepc.linalg.linesearch import ROUNDING
 from ngepc.results.outcome import History, Status
 
-CORRECTIONS = 3  # most steps with the last factors
+CORRECTIONS = 3  # largest number of steps with the last factors
 ROUNDING_STEPS = 8  # in a row, that change the energy by rounding only, end a run
 WINDOW = 5  # number of last steps in the test for damping
 
@@ -29,7 +29,8 @@ NEARER = "Start from the solution for a smaller gamma or a smaller load step"
 ADVICE = {
     Status.ITERATION_LIMIT: f"{NEARER}, raise max_iterations, or leave gamma out.",
     Status.LINESEARCH_FAILED: f"{NEARER}.",
-    Status.STAGNATED: "Energies only change by rounding: ask for a tolerance above this residual.",
+    Status.STAGNATED: "Energies change by rounding errors only: choose a tolerance above "
+    "this residual.",
     Status.NONFINITE: "Check loads and coefficients for NaN and for values that changed during "
     f"the run. {NEARER}.",
 }
@@ -116,9 +117,9 @@ def final_check(
     left = total(rounding)
     reach = 1.1 * (here.residual_norm + left) / here.functional.blocks.residual_unit
     cause = (
-        f"Rounding alone leaves about {left:.2g} of the residual, in whatever way it is computed: "
-        "the hardening is small beside the elastic moduli, or the loads are large, for "
-        f"{aim}. A tolerance above {reach:.2g} is within reach."
+        f"Rounding errors leave a residual of about {left:.2g}, however it is computed: "
+        "the hardening is small compared with the elastic moduli, or the loads are large, for "
+        f"{aim}. A tolerance above {reach:.2g} can be met."
     )
     return here, Status.STAGNATED, cause
 

@@ -1,6 +1,6 @@
-"""How far the steps of a history are from those of the continuous problem, in the energy norm.
+"""The distance of the steps of a history from those of the continuous problem, in the energy norm.
 
-Let y = (u, p, alpha) be what a step ends with, a(y, y) twice the energy that is stored in it, and
+Let y = (u, p, alpha) be the state at the end of a step, a(y, y) twice its stored energy, and
 B_n a bound of the energy error of step n, from the history that it starts with.  Then
 
     |y_h^N - y^N|^2  <=  2 (B_1 + ... + B_N),        |y|^2 = a(y, y),
@@ -32,11 +32,11 @@ from ngepc.model.problem import Problem
 
 PROVED = {
     "contact": "unilateral contact",
-    "order 2": "order 2, whose steps leave interpolated plastic strains",
+    "order 2": "order 2 (plastic strains are interpolated between steps)",
     "material": "a material that changes between steps",
-    "law": "a law of hardening that is not linear",
+    "law": "a nonlinear hardening law",
 }
-"""What the proof does not cover, in words."""
+"""Properties that the proof does not cover."""
 
 
 class SolvedStep(Protocol):
@@ -92,6 +92,6 @@ def distance_of(steps: Sequence[SolvedStep]) -> DistanceBound:
     }
     reasons = [PROVED[name] for name, there in found.items() if there]
     messages = {bound.message for bound in bounds if not bound.guaranteed}
-    text = f"No proof for {', '.join(reasons)}." if reasons else ""
+    text = f"Not proved for {', '.join(reasons)}." if reasons else ""
     message = " ".join(filter(None, [text, *sorted(messages)]))
     return DistanceBound(np.sqrt(2 * np.cumsum(totals)), message)

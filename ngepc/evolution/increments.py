@@ -1,12 +1,12 @@
 """Increments by accuracy: a second run with doubled steps estimates the time error.
 
-Implicit Euler steps are of first order in time.  Two runs go through the history side by side, the
-coarse one with one step where the fine one has two.  What they differ by at the end of a step
-estimates the error of the fine run there: with an error proportional to the length of the steps,
-coarse minus fine is the error of the fine run.  This is an estimate, no bound.
+Implicit Euler steps are of first order in time.  Two runs compute the history side by side: where
+the coarse run has one step, the fine run has two.  Their difference at the end of a step estimates
+the error of the fine run, because the error is proportional to the length of the steps.  This is an
+estimate, not a bound.
 
-Both runs start from the same state at the start of the history and keep their own: errors that a
-history forgets, as plasticity does, count only as long as they are there.
+Both runs start from the same state and then keep their own states.  Errors that decay during the
+history, as in plasticity, therefore do not accumulate in the estimate.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from ngepc.results.outcome import Status
 log = logging.getLogger(__name__)
 
 FEW = 8
-"""A history of fewer listed steps is halved once in any case, as one step beside two misses
-kinks."""
+"""A history of fewer listed steps is always halved once, because comparing one step with two
+misses kinks."""
 
 
 class Run(Protocol):
-    """What passes from step to step; ``state`` can be restored."""
+    """A run whose ``state`` between two steps can be restored."""
 
     evolution: Evolution
 
@@ -117,11 +117,11 @@ class Increments:
             evolution.message = f"After {len(evolution.steps)} steps."
             return
         if self.too_coarse > self.accuracy:
-            told = f"the increments are about {self.too_coarse:.2g} off"
+            told = f"the time error is still about {self.too_coarse:.2g}"
             evolution.status = Status.STEP_LIMIT
             evolution.message = (
-                f"By {self.most_halvings} halvings of a step {told}, "
-                f"asked {self.accuracy:g}."
+                f"After {self.most_halvings} halvings of a step {told}, "
+                f"accuracy={self.accuracy:g} was asked for."
             )
 
     def _through(self, ends: list[float]) -> None:
@@ -144,7 +144,7 @@ class Increments:
             if apart > allowed and level < self.most_halvings:
                 self.fine.restore(states[0])
                 self.coarse.restore(states[1])
-                log.info("step to time %g: %.2g apart, halved", end, apart)
+                log.info("step to time %g: difference %.2g, halved", end, apart)
                 pending += [(end, level + 1), (middle, level + 1)]
                 continue
             if status is not Status.CONVERGED:

@@ -44,8 +44,8 @@ class Listed(dict[float, Changes]):
 class Schedule:
     """Steps at given times, with changes that are known at every time.
 
-    A step that fails can be cut in two, because ``changes`` is also known in between, if it is a
-    function of time; ``Schedule.listed`` makes a schedule of which that is not known.
+    A step that fails can be halved, because ``changes`` is a function of time.
+    ``Schedule.listed`` makes a schedule whose changes are known at the ends of steps only.
 
     Parameters
     ----------
@@ -53,15 +53,14 @@ class Schedule:
         Ends of the steps, increasing, after ``begin``.
     changes
         Time -> changes of the problem, such as {'gap': 0.1 - t}.  A 'material' of the step may have
-        other moduli, yield stress and hardening, those at its temperature, but no other kind of
-        hardening: plastic strain, PEEQ and the strains that harden go on, back stresses follow.
+        other moduli, yield stress and hardening, for example at another temperature, but the same
+        kind of hardening: plastic strain and PEEQ are kept, back stresses follow the new moduli.
     begin
-        Time of the given initial state: the first step lasts from there to the first time.  None
-        if it is unknown.
+        Time of the initial state, the beginning of the first step.  None if it is unknown.
     obstacle_motion
-        Time -> by how much the surface of the obstacles has moved (length), N numbers or a vector
-        coefficient, for friction: what slips is the body relative to it.  Its gap is another one of
-        the changes.  None for obstacles whose surface does not move along the body.
+        Time -> displacement of the surface of the obstacles (length), N numbers or a vector
+        coefficient, for friction: slip is the motion of the body relative to this surface.  The
+        gap is given separately in ``changes``.  None if the surface does not move tangentially.
 
     Raises
     ------

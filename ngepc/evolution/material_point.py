@@ -90,7 +90,7 @@ def material_point(
         The law; of coefficients the value at the middle of the unit cube counts.
     strain, stress
         'xx', 'yy', 'zz', 'xy', 'xz' or 'yz' -> values at the corners, or one for all.  Strains are
-        tensor components.  What is in neither has no stress.
+        tensor components.  Components that are given in neither are free of stress.
     steps
         Increments from one corner to the next, implicit Euler steps of first order.
     duration
@@ -134,13 +134,14 @@ def _path_between_corners(
     twice = sorted(set(strains) & set(stresses))
     if twice:
         raise ValueError(
-            f"stress={stress!r}: {twice[0]!r} is in strain too, one is needed"
+            f"stress={stress!r}: {twice[0]!r} is given in strain too, leave one out"
         )
     given = strains | stresses
     lengths = {len(values) for values in given.values()} - {1} or {1}
     if len(lengths) > 1:
         raise ValueError(
-            f"strain={strain!r}, stress={stress!r}: as many corners each are needed"
+            f"strain={strain!r}, stress={stress!r}: the same number of corners for each "
+            "component is needed"
         )
     (count,) = lengths
     corners = np.arange(count + 1)

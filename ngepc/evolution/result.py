@@ -123,8 +123,8 @@ class Memory:
             after = at(getattr(material, modulus))
             if ((before == 0) != (after == 0)).any():
                 raise ValueError(
-                    f"material={material!r}: {modulus} is zero in one of two steps that follow "
-                    "each other, the same kind of hardening is needed in all of them"
+                    f"material={material!r}: {modulus} is zero in one of two successive steps; "
+                    "all steps need the same kind of hardening"
                 )
             factor = after / np.where(before > 0, before, 1.0)
             arrays[name] = (np.where(before > 0, factor, 1.0) * arrays[name].T).T
@@ -398,7 +398,7 @@ class Evolution(Ending):
         reached = f", the last one to time {self.times[-1]:g}" if self.steps else ""
         off = ""
         if self.time_error is not None:
-            off = f", increments about {100 * self.time_error:.2g} % off (estimate)"
+            off = f", time error about {100 * self.time_error:.2g} % (estimate)"
         return f"<Evolution: {self.status}, {len(self.steps)} steps{reached}{off}>"
 
     @cached_property
@@ -455,7 +455,7 @@ class Evolution(Ending):
             if support not in forces:
                 known = f"the reactions of {', '.join(sorted(forces)) or 'none'}"
                 raise ValueError(
-                    f"support={support!r}: the step to time {time:g} tells {known}"
+                    f"support={support!r}: the step to time {time:g} has {known}"
                 )
         return np.reshape(
             [forces[support] for forces in told], (len(told), self.problem.N)

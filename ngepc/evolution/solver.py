@@ -106,8 +106,8 @@ def evolve(
         Called as solver(problem, start=displacement), ``semismooth_newton`` or ``primal_newton``
         for example; ``cold_start`` wraps solvers that take no displacement.  The displacement is
         that of the last step, or the line through the last two of them at the new time.
-        None for ``RepeatedSolver()``: the exact method, which keeps from step to step what does
-        not change.
+        None for ``RepeatedSolver()``: the exact method, which reuses what does not change from
+        step to step.
     cuts
         A step of a Schedule that fails is halved, up to so many times; 0 for never.
     checkpoint
@@ -120,18 +120,18 @@ def evolve(
         With order 2 the variable of isotropic hardening passes on to the next step as its mean over
         each element.  None for the mesh as it is.
     refinement
-        How meshes follow the bound; None for ``Refinement()``.
+        Options of the refinement; None for ``Refinement()``.
     accuracy
-        Choose the increments of a Schedule so that stress, contact force and reactions are about
-        this accurate in time, relative to their largest values, 0 < accuracy < 1.  The history is
-        run twice side by side, with steps and with halves of them (``cuts`` halvings at most);
-        what they differ by is the estimate ``StepRecord.time_error`` of the halves, which are
-        returned.  None for the steps as they are.
+        Choose the increments of a Schedule so that the time error of stress and contact force is
+        about this, relative to their largest values, 0 < accuracy < 1.  The history is computed
+        twice, with the steps and with half steps (at most ``cuts`` halvings).  The half steps are
+        returned; the difference is their estimated error ``StepRecord.time_error``.  None for the
+        steps as they are.
 
     Returns
     -------
     Evolution
-        The finished steps; ``status`` tells whether all were done.
+        The finished steps; ``status`` says whether all steps were done.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def check_alone(name: str, value: float, steps: object, **others: object) -> Non
     """Options that choose increments need a Schedule and exclude some others."""
     if not isinstance(steps, Schedule):
         raise ValueError(
-            f"{name}={value:g}: a Schedule is needed, which tells the loads between its times"
+            f"{name}={value:g}: a Schedule is needed, which gives the loads at all times"
         )
     for other, given in others.items():
         if given is not None:
@@ -372,7 +372,9 @@ class _Run:
         mesh, parents = next_mesh(old, bound.per_cell, part, self.refinement)
         share = f"{bound.relative:.2g}"
         asked = f"{self.error:g}"
-        told = f"the energy error may be {share} on {old.nv} nodes, asked {asked}"
+        told = (
+            f"the bound of the energy error is {share} on {old.nv} nodes, error={asked}"
+        )
         if mesh.nv > most:
             return f"{told}; the next mesh has {mesh.nv} nodes, max_nodes={most}."
         log.info("step to time %g: %s, refined to %d nodes", time, told, mesh.nv)

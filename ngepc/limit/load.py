@@ -1,4 +1,4 @@
-"""Limit loads: a bracket that is guaranteed from both sides, on meshes that follow its gap."""
+"""Limit loads: guaranteed lower and upper bounds, on adaptively refined meshes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ ENOUGH = 0.8
 """Largest share of the gap that is cut in the last step to the tolerance."""
 
 AIM = 0.9
-"""The last mesh aims at this part of the tolerance."""
+"""The last mesh aims at this fraction of the tolerance."""
 
 EXPECTED = 0.7
 """Expected decrease of the gap in cells that are cut, as a part."""
@@ -61,19 +61,19 @@ COARSEST = 1e-5
 NOTHING = 1e-6
 """A smaller ratio of the bounds shows loads that contradict each other at corners of a solid."""
 
-HARDENS = "Hardening does not count: the strength is the yield stress of the material."
+HARDENS = "Hardening is neglected: the strength is the yield stress of the material."
 
 
 class LimitStatus(Enum):
     """How the search for a limit load ended; the value is the sentence for the user."""
 
-    REACHED = "The bounds are as close as was asked."
+    REACHED = "The bounds are as close as requested."
     MESH_LIMIT = (
-        "The bounds hold; a finer mesh, which is not allowed, would bring them closer."
+        "The bounds are valid; a finer mesh would be needed, but max_cells forbids it."
     )
-    STOPPED = "The monitor stopped the run; the bounds of the last mesh hold."
+    STOPPED = "The monitor stopped the run; the bounds of the last mesh are valid."
     TOO_WEAK = (
-        "No stress within the yield bound was found that carries the loads that stay."
+        "No stress within the yield bound was found that balances the constant loads."
     )
     UNLIMITED = "Stresses within the yield bound carry any load factor."
 
@@ -240,15 +240,16 @@ def limit_load(
 ) -> LimitLoad:
     """The load factor at which a perfectly plastic body collapses, between guaranteed bounds.
 
-    The body carries the loads that stay and a factor times those that grow if and only if some
-    stress in equilibrium with them nowhere exceeds the yield bound (lower bound theorem); it
-    collapses if a velocity needs less dissipation than the loads have power (upper bound theorem).
+    The body carries the constant loads plus a factor times the growing loads if and only if some
+    stress in equilibrium with them nowhere exceeds the yield bound (lower bound theorem).  It
+    collapses if the power of the loads exceeds the dissipation for some velocity (upper bound
+    theorem).
 
     Parameters
     ----------
     problem
         Loads, supports, strength, obstacles that touch; its mesh is where refinement starts.
-        Hardening, elasticity and ``order`` do not count.
+        Hardening, elasticity and ``order`` are ignored.
     relative_width
         (upper - lower) / lower that is wanted, > 0.
     growing

@@ -32,7 +32,7 @@ COVERS = BASIC_FEATURES | {
 """Features of a problem that limit loads cover; hardening is neglected."""
 
 CLOSED = 1e-12
-"""Part of the extent of the body by which a gap may differ from zero."""
+"""Fraction of the extent of the body by which a gap may differ from zero."""
 
 
 def check_limit_problem(problem: Problem, what: str) -> None:
@@ -40,7 +40,7 @@ def check_limit_problem(problem: Problem, what: str) -> None:
     require_covered(problem, what, COVERS)
     if problem.initial_displacement is not None:
         raise ValueError(
-            f"initial_displacement: {what} does not depend on where a body is; leave it out"
+            f"initial_displacement: {what} does not depend on it; leave it out"
         )
     constant = {"yield_stress": problem.material.yield_stress, BODY_FORCE: problem.f}
     for name, value in constant.items():

@@ -12,7 +12,7 @@ REGULAR = 1e-9
 """Added to the squares of unit rows, as equations may depend on each other."""
 
 ROUNDS = 8
-"""Most corrections; each leaves only a small part of the residual."""
+"""Largest number of corrections; each leaves only a small part of the residual."""
 
 
 class Projection:

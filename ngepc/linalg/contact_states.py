@@ -13,7 +13,7 @@ import numpy as np
 
 MOST_STATES = 4**8  # that are enumerated: 8 rows
 CHUNK = 4096  # systems that are solved together
-TOLERANCE = 1e-9  # part of the largest force by which a condition may be missed
+TOLERANCE = 1e-9  # fraction of the largest force by which a condition may be missed
 
 OPEN, STICK, TIED = 0, 1, 2
 SLIP, LIMIT = 3, 5  # with t = b; one more for t = -b

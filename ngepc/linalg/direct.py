@@ -43,8 +43,8 @@ def require_solver(name: str, value: object) -> object:
         SparseMatrixd.CreateFromCOO([0], [0], [1.0], 1, 1).Inverse(inverse=value)
     except SOLVER_ERRORS as error:
         raise ValueError(
-            f"{name}={value!r}: this installation lacks it ({error}); {' and '.join(SHIPPED)} "
-            "come with NGSolve"
+            f"{name}={value!r}: this installation does not have it ({error}); "
+            f"{' and '.join(SHIPPED)} come with NGSolve"
         ) from error
     return value
 

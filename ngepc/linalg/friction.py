@@ -38,7 +38,7 @@ EXACT = 1e-13
 SETTLED = 1e-10
 """Parts of the largest force that a step may change: for sure, and where rounding ends progress."""
 
-DIFFERENT = 1e-6  # part of the largest force by which two solutions differ
+DIFFERENT = 1e-6  # fraction of the largest force by which two solutions differ
 
 FACTORS = (0.5, 0.8, 1.25, 2.0)
 """Coefficients and loads of neighbouring problems, relative, where searches start."""

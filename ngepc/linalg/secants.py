@@ -1,4 +1,4 @@
-"""Contact problems whose compliance is dear: each product with it takes a solve.
+"""Contact problems whose compliance is expensive: each product with it takes a solve.
 
 S = R K^-1 R' maps forces x of rows R to their displacements: they change the gaps from g to
 g + S (x - x_0).  The conditions that forces and gaps have to meet are solved with a secant matrix W

@@ -24,7 +24,7 @@ from ngepc.local.iterative import IterativeTangent
 from ngepc.local.system import DiscreteProblem, State
 
 SETS = 30
-"""Most active sets of one Newton step."""
+"""Largest number of active sets of one Newton step."""
 
 PATIENCE = 10
 """Active sets with each c."""
@@ -93,7 +93,7 @@ class InexactTarget:
         if rough and not settled:
             if self._contact.processes.size > 1:
                 raise FactorisationError(
-                    "friction on parts: no active set was found; try smaller load steps"
+                    "friction on a distributed mesh: no active set was found; try smaller steps"
                 )
             return with_contact(here, tangent.solve, self._compliance)
         change = self._contact.processes.spread(at.change.reshape(here.u.shape))

@@ -18,7 +18,7 @@ MOST_BY_FACTORS_TRESCA = 1000
 """The same with Tresca's friction, under which the forces of all contact rows are unknowns."""
 
 DENSER = 1.5
-"""By this factor PyAMG is slower than PETSc, and the body must be larger."""
+"""PyAMG is slower than PETSc by this factor, so that the threshold is larger."""
 
 
 def fastest_solver(body: DiscreteProblem) -> str | Iterative:

@@ -47,7 +47,7 @@ SHARED = (
 )
 
 REACH = {1: 2.0, 2: 4.0}
-"""Largest eigenvalue that is reckoned with where several processes sweep, by order.
+"""Assumed largest eigenvalue of the smoother on several processes, by order.
 
 For order one 2 was enough for up to 8 processes; for order two some are above 2 with 5.
 """

@@ -181,7 +181,7 @@ def solve_exactly(
 ) -> ExactResult:
     """Minimise J(u, p) of (2.14) over the discrete displacements with N u <= gaps.
 
-    Arguments as of ``semismooth_newton`` and ``NewtonOptions``.
+    The same arguments as ``semismooth_newton`` and ``NewtonOptions``.
     """
     limits = {"tolerance": tolerance, "max_iterations": max_iterations}
     solver = RepeatedSolver(NewtonOptions(**limits, inverse=inverse))

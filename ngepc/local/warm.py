@@ -23,7 +23,7 @@ REMEMBERED = 2000
 
 
 class WarmSolver(RepeatedSolver):
-    """Solves problems that differ little, each from the last solution, see ``RepeatedSolver``."""
+    """Solves similar problems in sequence, each from the last solution, see ``RepeatedSolver``."""
 
     last: ExactResult | None = None  # the last solution
     _next: tuple[Problem, State] | None = None

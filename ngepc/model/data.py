@@ -291,6 +291,6 @@ def order_note(problem: ProblemData, why: str = "") -> str:
     if problem.order > 1 or problem.kinematics is TWO_DIMENSIONAL:
         return ""
     return (
-        f"Displacements are of order 1{why}: too stiff where plastic flow keeps the volume "
-        "and in bending (docs/locking.md)."
+        f"Displacements are of order 1{why}: they are too stiff in bending and where plastic flow "
+        "preserves the volume (docs/locking.md)."
     )

@@ -70,10 +70,10 @@ class Material(Declared):
     hardening_modulus, hardening_stiffness
         Isotropic data H >= 0 (1) and k_1 >= 0 (stress): h gains (H sigma_y)^2 k_1.
     law
-        Isotropic hardening beyond that, by what its flow stress gains; None for none.
+        Isotropic hardening beyond that, by what its flow stress gains; None if there is none.
     rate
-        Overstress by the rate of plastic strain, such as ``Norton(...)``; None for none.  Time
-        steps then need a length, ``Problem.duration``.
+        Overstress that depends on the rate of plastic strain, such as ``Norton(...)``, or None.
+        With a rate, time steps need a length, ``Problem.duration``.
     hill
         Anisotropic yield, with kinematic hardening alone; None for von Mises.
     overlay
@@ -132,7 +132,7 @@ class Material(Declared):
         kinematic_share
             The part of the hardening that is kinematic if it is mixed, in (0, 1).
         rate
-            Overstress by the rate of plastic strain, such as ``Norton(...)``; None for none.
+            Overstress that depends on the rate of plastic strain, such as ``Norton(...)``, or None.
 
         Returns
         -------

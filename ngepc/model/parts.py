@@ -229,13 +229,16 @@ def _require_simplices(mesh: Mesh, count: int) -> None:
     require_mesh("mesh", mesh)
     if mesh.comm.size > 1 or mesh.GetCurveOrder() > 1 or mesh.deformation is not None:
         raise ValueError(
-            "mesh is distributed, curved or deformed: a whole, straight one is needed"
+            "mesh is distributed, curved or deformed: a mesh on one process with straight "
+            "elements is needed"
         )
     if (element_nodes(mesh)[:, mesh.dim + 1 :] >= 0).any():
-        raise ValueError("mesh has other elements: triangles or tetrahedra are needed")
+        raise ValueError(
+            "mesh has elements of other shapes: triangles or tetrahedra are needed"
+        )
     if mesh.ne < count:
         raise ValueError(
-            f"mesh has {mesh.ne} elements: {count}, one for each process, are needed"
+            f"mesh has {mesh.ne} elements: at least {count}, one for each process, are needed"
         )
 
 
@@ -246,7 +249,7 @@ def _pieces(mesh: Mesh, count: int) -> list[tuple]:
     points = vertex_coordinates(mesh)
     keys, owners = element_facets(mesh)
     if connected(mesh.ne, *check_conforming(keys, owners)).any():
-        raise ValueError("mesh has several parts: one that hangs together is needed")
+        raise ValueError("mesh has several parts: a connected mesh is needed")
     elements, material = cells_of(mesh, N)
     elements = elements[:, : N + 1]
     facets, boundary = cells_of(mesh, N - 1)

@@ -1,4 +1,4 @@
-"""What acts where: points and edges, supports along a direction, bodies that touch, friction."""
+"""Places and conditions there: points, edges, rollers, contact of two bodies, friction."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ngepc.checks.declared import Along, Datum, Declared, Flag, NotNegativeDatum
 from ngepc.model.elements import corner_vertices, vertex_coordinates
 
 AT = 1e-6
-"""Part of the extent of the body by which a vertex may miss the coordinates of a point."""
+"""Fraction of the extent of the body by which a vertex may miss the coordinates of a point."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Point:
     """A point of the body, for ``prescribed``, ``springs`` and ``traction``, there a force.
 
     Displacements at a point under a force, or held there, grow without bound under refinement in
-    theory, like log h in two dimensions: forces are exact, the stress beside it means nothing.
+    theory, like log h in two dimensions: forces are exact, but stresses near the point are not.
 
     Parameters
     ----------
@@ -94,8 +94,8 @@ class Roller(Declared):
 class Contact(Declared):
     """Two parts of the boundary that may touch, with small sliding; their gap is that of the mesh.
 
-    The conditions of contact stand on the first one: choose the finer or the softer side, and the
-    one that lies within the other.  Bodies that share nodes are refused.
+    The contact conditions belong to the nodes of the first one: choose the finer or softer side,
+    or the one that lies within the other.  Bodies that share nodes are refused.
 
     Parameters
     ----------

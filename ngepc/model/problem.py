@@ -1,4 +1,4 @@
-"""One time step of quasi-static elasto-plasticity with contact, (2.14), and those of section 7."""
+"""One time step of quasi-static elasto-plasticity with contact, (2.14); the paper's examples."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ class Problem(ProblemData):
         of the mesh that may touch or are tied, or a sequence of both; None if there is none.
     gap
         psi: distance to the obstacle along the outer normal (length), a number, a scalar
-        coefficient, or a mapping of boundary name -> either.  Negative where it pushes in.
+        coefficient, or a mapping of boundary name -> either.  Negative where the obstacle
+        penetrates the undeformed body.
     body_force
         f (force per volume), a vector, or None.
     initial_plastic_strain
@@ -65,8 +66,8 @@ class Problem(ProblemData):
         it acts on the whole contact boundary, also where the gap is open.  Or
         ``Coulomb(mu, limit=F)``, which acts under pressure only.  None for no friction.
     initial_displacement
-        u_0 at the beginning of the step (length), a vector, for friction alone: what slips in this
-        step is u - u_0.  None for zero.
+        u_0 at the beginning of the step (length), a vector, only for friction: the slip of this
+        step is the tangential part of u - u_0.  None for zero.
     initial_accumulated
         PEEQ of the steps before, >= 0 (1), where a ``HardeningLaw`` starts; None for zero.
     kinematics
@@ -90,9 +91,8 @@ class Problem(ProblemData):
         in all directions, expansion times change of temperature for example, or a symmetric
         tensor like ``initial_plastic_strain`` but with a trace; None for zero.
     duration
-        How long the time step lasts (time), > 0; ``evolve`` knows it.  It matters where the
-        material has a rate; None where that is not so.
-
+        The length of the time step (time), > 0; ``evolve`` sets it.  It is needed if the material
+        has a rate; None otherwise.
     thickness
         Of the body in plane strain or plane stress (length), > 0: forces, energies and stiffnesses
         of springs are those of the whole thickness; None for 1.

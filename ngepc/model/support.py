@@ -188,7 +188,7 @@ def _check_held_on_contact(
     beyond = (overlap > 1e-8 * size) & (free <= HELD_NORMAL)
     for why, bad in {
         "where they meet, the normal component must be free (None)": partly,
-        "the given displacement there must not exceed the gap, a larger gap is needed": beyond,
+        "the given displacement must not exceed the gap there, a larger gap is needed": beyond,
     }.items():
         if bad.any():
             k = int(bad.argmax())

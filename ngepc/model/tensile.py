@@ -1,4 +1,4 @@
-"""From the numbers of a tensile test, as on data sheets, to the data of a ``Material``.
+"""Data of a ``Material`` from the numbers of a tensile test, as on data sheets.
 
 In a bar under tension sigma with the plastic strain e (PEEQ) von Mises' law says
 

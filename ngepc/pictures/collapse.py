@@ -22,7 +22,7 @@ MOVED = 0.05
 """Largest displacement that is drawn, over the extent of the body."""
 
 DARKEST = 0.7
-"""Part of the dissipation that is drawn in shades; the rest has the darkest one."""
+"""Fraction of the dissipation that is drawn in shades; the rest has the darkest one."""
 
 
 def require_mechanism(limit: LimitLoad) -> None:

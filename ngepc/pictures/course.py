@@ -50,7 +50,7 @@ class Quiz(tuple):
     """Questions at the end of a lecture; a click on a choice shows whether it is right, and why.
 
     Each has a 'text', 'choices' (the first is right, they are shown in alphabetical order) and
-    'why', which is said with the right one.
+    'why', the explanation that is shown with the right choice.
     """
 
     def _repr_html_(self) -> str:

@@ -214,7 +214,7 @@ def plot_mesh(
     Raises
     ------
     TypeError, ValueError
-        If the source is none of these.
+        If the source is of another kind.
     """
     if is_mesh(source):
         return draw_names(source, view, body, cut, axes)

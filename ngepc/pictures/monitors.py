@@ -1,8 +1,9 @@
 """Monitors: callables that see each ``IterationRecord`` while a solver runs.
 
-Any ``record -> None`` will do; raising StopIteration in one ends the run with Status.STOPPED and
-keeps the state.  ``record.snapshot()`` is the result of a run that had stopped at that iterate; it
-costs nothing until it is called.  Those here keep a line up to date, or draw the run.
+Any function ``record -> None`` is a monitor.  If it raises StopIteration, the run ends with
+Status.STOPPED and keeps the state.  ``record.snapshot()`` is the result of a run that stopped at
+that iterate; it costs nothing until it is called.  The monitors here show a line of progress, or
+draw the run.
 """
 
 import time

@@ -324,7 +324,7 @@ def how_exact(result: Result) -> str:
     size = f"{100 * bound.relative:.2g} percent of the energy"
     if bound.guaranteed:
         return f"at most {size}, guaranteed"
-    return f"at most {size}, by samples of the data"
+    return f"at most {size}, known from samples of the data"
 
 
 def estimated_error(result: ExactResult) -> str:

@@ -31,7 +31,7 @@ from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem
 
 YIELD_ROUNDING = 1e-9
-"""Points are plastic in the tangent if |s| exceeds beta by more than this part.
+"""Points are plastic in the tangent if |s| exceeds beta by more than this fraction.
 
 A load step starts with |s| = beta wherever the last one has yielded, up to rounding.  These points
 count as elastic: unloading then needs one Newton step.
@@ -42,7 +42,7 @@ NOTHING = (
     1e-200  # overstress in place of zero, where powers have no derivative for NGSolve
 )
 SOLVED = 1e-15
-"""Part of the stress to which the equation of a law of hardening is solved."""
+"""Fraction of the stress to which the equation of a law of hardening is solved."""
 
 
 class DataOnMesh:

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 ROOM = 1 << 20
-"""Free bytes that are needed where results are written, checked before the work."""
+"""Free bytes that must be available where results are written; checked before the work."""
 
 
 def check_writable(path: Path) -> None:

@@ -37,7 +37,7 @@ FREE = 100.0
 """Without hardening, a larger |p| shows that the load is beyond the limit load."""
 
 SETTLED = 0.5
-"""Near rounding, the run ends if a step leaves more than this part of the residual."""
+"""Near rounding, the run ends if a step leaves more than this fraction of the residual."""
 
 QUADRATIC = 5.0
 """After a full step that divides the residual by more, w is set to the radial return."""
@@ -207,8 +207,8 @@ def end_of(
         return Status.UNHELD, here.body.floating.unheld
     if here.flowing > FREE:
         return Status.LIMIT_LOAD, (
-            f"After {steps} steps |p| reaches {here.flowing:.2g} where nothing hardens any "
-            "more: the loads are at or beyond the limit load."
+            f"After {steps} steps |p| reaches {here.flowing:.2g} where the material no longer "
+            "hardens: the loads are at or beyond the limit load."
         )
     if before is not None and residual > SETTLED * before and residual <= here.rounding:
         return Status.STAGNATED, limited_by_rounding(here, f"After {steps} steps the")
@@ -233,10 +233,10 @@ def no_descent(here: Iterate) -> tuple[Status, str]:
 def limited_by_rounding(here: Iterate, after: str) -> str:
     """The message for a tolerance below the rounding error of the residual."""
     return (
-        f"{after} relative residual is {here.residual_norm:.3g}. Rounding alone leaves about "
-        f"{here.rounding:.2g} of it: strains as large as these cancel in the stress, the hardening "
-        f"is small beside the elastic moduli. A tolerance above {1.1 * here.rounding:.2g} is "
-        "within reach."
+        f"{after} relative residual is {here.residual_norm:.3g}. Rounding errors leave about "
+        f"{here.rounding:.2g}: the stress is a small difference of large strains, and the "
+        "hardening is small compared with the elastic moduli. "
+        f"A tolerance above {1.1 * here.rounding:.2g} can be met."
     )
 
 

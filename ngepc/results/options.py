@@ -21,7 +21,7 @@ class NewtonOptions(Declared):
         Bound for the relative forces out of balance; (D_gamma): for ||Psi_gamma||_{H*} in the
         regularisation's reference units, 1e-10 in the paper.
     max_iterations
-        Most Newton steps.
+        Largest number of Newton steps.
     quadrature_points
         (D_gamma) Points for nonsmooth terms on each element that a kink crosses; 400 in the paper.
     linesearch

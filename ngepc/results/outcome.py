@@ -12,7 +12,7 @@ class Status(Enum):
     """How a run ended; the value is the sentence for the user."""
 
     CONVERGED = "The residual, computed afresh at the end, meets the tolerance."
-    BOUNDED = "Newton's method was ended where its part of the guaranteed error bound is small."
+    BOUNDED = "Newton's method was stopped because its part of the guaranteed error bound is small."
     NOT_UNIQUE = (
         "The residual meets the tolerance, but friction allows other equilibria, too."
     )
@@ -23,18 +23,18 @@ class Status(Enum):
         "No step length along the Newton direction lowers the energy enough."
     )
     STAGNATED = (
-        "The energy no longer changes beyond rounding, the tolerance is out of reach."
+        "The energy changes by rounding errors only; the tolerance cannot be met."
     )
     NONFINITE = "A factorisation, energy or residual became singular, NaN or infinite."
     LIMIT_LOAD = (
         "Plastic strains grow without bound: the loads are at or beyond a limit load."
     )
-    UNHELD = "Contact cannot balance the loads on a part that nothing else holds: no solution."
+    UNHELD = "Contact forces cannot balance the loads on a part without supports: no solution."
     MESH_LIMIT = (
-        "The error bound is above what was asked, and a finer mesh is not allowed."
+        "The error bound is above the requested one, and a finer mesh is not allowed."
     )
     STEP_LIMIT = (
-        "The increments are less accurate than asked, and shorter ones are not allowed."
+        "The increments are less accurate than requested; shorter ones are not allowed."
     )
     STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
 

@@ -26,10 +26,10 @@ FEW_FACETS = 4
 """Fewer facets in contact do not resolve a contact zone."""
 
 SLIPPING = 1e-10
-"""Part of the largest displacement above which a row that touches has slipped."""
+"""Fraction of the largest displacement above which a row that touches has slipped."""
 
 DEEP = 0.01
-"""Part of the largest displacement by which an obstacle between nodes may overlap in silence."""
+"""Larger overlaps between nodes are reported, relative to the largest displacement."""
 
 SMALL_STRAIN = 0.03
 SMALL_ROTATION = 0.05
@@ -349,13 +349,14 @@ class DiscreteSolution(Result):
             )
         elif touching and self.contact_facets < FEW_FACETS:
             found.append(
-                f"Only {self.contact_facets} whole facets ({touching} nodes) are in contact: "
-                "refine the contact boundary before you trust pressures."
+                f"Too few facets are in contact for accurate pressures "
+                f"({self.contact_facets} whole facets, {touching} nodes): "
+                "refine the contact boundary."
             )
         if self.status.is_success and (loose := self.undetermined_motions):
             found.append(
-                f"{loose} rigid motion(s) of a part that contact alone holds are not determined: "
-                "its place is one of many, stresses are not concerned."
+                f"{loose} rigid motion(s) of a part held by contact alone are not determined: "
+                "its position is not unique, its stresses are."
             )
         size = processes.maximum(np.abs(self.state.u))
         if self._hidden_overlap > DEEP * size:
@@ -377,8 +378,8 @@ def large_motion(strain: float, rotation: float) -> str:
     """A note on what linearised strains neglect at the largest strain and rotation (rad)."""
     spurious = rotation**2 / 2
     return (
-        f"Strains reach {100 * strain:.2g} percent and rotations {rotation:.2g} rad, and are "
-        "taken as small. Lengths and areas of the undeformed body are wrong by the strain; the "
-        f"rotation is taken for a strain of {100 * spurious:.2g} percent that is not there: "
-        "elongations, stresses and forces may be off by as much."
+        f"Strains reach {100 * strain:.2g} percent and rotations {rotation:.2g} rad, but the model "
+        "assumes that they are small. Lengths and areas of the undeformed body are used, with a "
+        f"relative error of the size of the strain; the rotation adds a spurious strain of "
+        f"{100 * spurious:.2g} percent. Elongations, stresses and forces may be wrong by as much."
     )

@@ -1,6 +1,6 @@
-"""What files hold, checked against what it becomes: names, types, shapes, finite numbers.
+"""Validation of the contents of files: names, types, shapes, finite numbers.
 
-Whatever does not fit is a ValueError with the name of the file, before any work.
+Invalid contents raise a ValueError with the name of the file, before any work.
 """
 
 from __future__ import annotations

@@ -156,7 +156,7 @@ def calibrate(
     confidence
         Probability of the intervals, in (0, 1).
     max_evaluations
-        Most solutions of the whole load path.
+        Largest number of solutions of the whole load path.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def _doubt(names: Sequence[str], condition: float) -> str:
     """A message if the data do not identify all constants; empty if they do."""
     if condition <= ILL_CONDITIONED:
         return ""
-    matrix = f"the Gauss-Newton matrix has condition {condition:.2g}."
+    matrix = f"the condition number of the Gauss-Newton matrix is {condition:.2g}."
     return f" The data do not identify all of {', '.join(names)}: {matrix}"
 
 

@@ -135,8 +135,8 @@ def told(steps: Sequence[Biactive]) -> str:
             step = f"Step {number}: " if len(steps) > 1 else ""
             said.append(
                 f"{step}{len(rows) + len(kinks)} contact rows and {len(points)} points are "
-                "biactive: there the solution has one-sided derivatives only, which tangent(...) "
-                "gives for a direction."
+                "biactive: there the solution has one-sided derivatives only; tangent(...) "
+                "computes them for a given direction."
             )
     return " ".join(said)
 

@@ -61,7 +61,7 @@ COVERS = (
 )
 """Features that derivatives cover."""
 
-EXCHANGES = 50  # most exchanges of sides
+EXCHANGES = 50  # largest number of exchanges of sides
 NEUTRAL = (
     1e-9  # relative change below which either status is right, as for a body at rest
 )
@@ -343,7 +343,7 @@ def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> Tangen
         at = state.discrete.law.with_sides(state.at, yields)
         state = replace(state, at=at)
     raise TangentError(
-        f"the sides of biactive rows and points did not settle: {found.message}"
+        f"the active set of the one-sided derivative was not found: {found.message}"
     )
 
 
@@ -380,6 +380,7 @@ def _chosen_rows(found: TangentResult) -> LinearContact:
         np.linalg.norm(tangential[stuck], axis=1) > mu[stuck] * normal[stuck] - least
     ).any():
         raise TangentError(
-            "a row that comes into contact slips from rest: " + found.message
+            "a contact row closes and slips at once, a derivative is not known: "
+            + found.message
         )
     return LinearContact(found.state, closed, slips)

@@ -1,8 +1,8 @@
 """The data of a law of hardening as parameters: "law.saturation", "law.stress_there[1]".
 
-A law is a formula for R(x) by its data.  What a change of them makes of beta(g) and its integral at
-the |p| of a solution follows from differences of the formula: no solution is differenced, and a law
-of one's own needs nothing but its formulas.
+A law is a formula for R(x) with some data.  The derivatives of beta(g) and its integral with
+respect to these data, at the |p| of a solution, are difference quotients of the formula.
+No solution is differenced, and a user's law needs nothing but its formulas.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.equations import Data, Tape, equations_of_law
 
 PENALTY = 1e6  # stiffness of a row's spring over that of its vertex; a refinement gains this factor
-REFINEMENTS = 12  # most corrections of a solution
+REFINEMENTS = 12  # largest number of corrections of a solution
 ACCURATE = 1e-13
 ACCEPTED = 1e-9  # relative residuals that end corrections, and that are refused
 INNER = 1e-8

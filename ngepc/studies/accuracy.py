@@ -1,9 +1,9 @@
-"""Time to a given accuracy of a number, by default options, beside CalculiX's quadratic elements.
+"""Time to a given accuracy of a number, by default options, compared with CalculiX.
 
 Each problem has one number: a limit load, a force, a deflection.  Each program solves it on finer
 and finer meshes; the table has the processor time (one thread) at which the error of the number
 falls to 5 and to 1 percent, between meshes by the line through their points in logarithms.  ngepc
-is left alone with all its defaults.  CalculiX has the elements that its manual recommends, one
+runs with all its defaults.  CalculiX has the elements that its manual recommends, one
 increment of its own choice, isotropic hardening.  Times of ngepc start where the mesh is there,
 those of CalculiX are the whole run of ``ccx``.
 """
@@ -499,7 +499,7 @@ class Accuracy(OverMeshes):
         | to 1 % = {one} | finest error (%) = {finest:.2g} | steps there = {steps_there}"""
     note = (
         "CPU seconds of one thread; '-' where no mesh of the family reaches it. References: closed "
-        "forms, else order 2 on one more mesh. 'default' is ngepc with nothing chosen."
+        "forms, else order 2 on one more mesh. 'default' is ngepc with all defaults."
     )
 
     def cells(self) -> list[dict]:

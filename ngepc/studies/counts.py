@@ -262,7 +262,7 @@ class NewtonCounts(OverMeshes):
         "into a unit cube, and Example (a) in plane strain (or plane stress), order two, with "
         "other laws by the default method. "
         "GetFEM 5.4.2 with its best parameter: measured earlier, on a quiet "
-        "machine, not here. 'stagnated': the residual has come down to its own rounding, which is "
+        "machine, not here. 'stagnated': the residual has reached its rounding error, which is "
         "above 1e-10 there."
     )
 

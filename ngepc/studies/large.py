@@ -189,7 +189,7 @@ class Processes(OverMeshes):
     order: int = 1
 
     name = "processes"
-    title = "A sphere pressed into a block that processes share"
+    title = "A sphere pressed into a block, distributed over processes"
     columns = """nodes = {nodes:,} | processes = {processes}
         | nodes of the largest part = {largest_own:,} | Newton steps = {steps}
         | CG for a solve = {mean:.1f} | CPU s of a process = {largest_cpu_s:.1f}

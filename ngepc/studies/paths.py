@@ -61,7 +61,7 @@ class Table3(OverMeshes):
         "quotient in the sixth column falls below 1.\n\n"
         "Directly: Newton steps of Algorithm 7.1 from v = 0 at gamma_end to the same precision; "
         "the paper reports more than double the iterations of the path for the finest mesh, the "
-        "column beside it is what we count."
+        "next column has our ratio."
     )
 
     def __post_init__(self) -> None:

@@ -25,7 +25,7 @@ NEARLY_PERFECT = 1e-5
 class Quantity(NamedTuple):
     """One number of a problem: its name, the reference, where that is from, and ours.
 
-    ``kind`` is P for published, C for a closed form, O for an own computation; the tolerance is
+    ``kind`` is P for published, C for a closed form, O for a separate computation; the tolerance is
     relative.
     """
 

@@ -24,7 +24,7 @@ FORM = 2
 
 @dataclass(eq=False)
 class Work(ABC):
-    """A study at work: ``run`` gives the records of all cells, ``write`` the files.
+    """A study: ``run`` returns the records of all cells, ``write`` writes the files.
 
     A cell is a dictionary of what makes it, such as an example and the nodes of its mesh;
     ``solve(**cell)`` gives further numbers, both together are a record.  Each cell is solved once
@@ -120,7 +120,7 @@ class Work(ABC):
         return records
 
     def table(self, records: Sequence[dict]) -> list[list[str]]:
-        """The heads of the table, then its entries, row by row."""
+        """The headings of the table, then its entries, row by row."""
         columns = [
             c.partition("=") for c in " ".join(self.columns.split()).split(" | ")
         ]

@@ -295,7 +295,7 @@ def test_ctrl_c_ends_a_study_between_cells_and_a_rerun_completes_it(
     ]
     log = tmp_path / "log"
     assert interrupted_at("row 1e0, nodes", study, log) == 130
-    assert "ngepc study: stopped by you" in log.read_text()
+    assert "ngepc study: interrupted" in log.read_text()
     assert "Traceback" not in log.read_text()
     assert main(study) == 0
     whole = [cell for cell in cells(uninterrupted) if cell[0] in ("1e0", "1e4")]

@@ -80,7 +80,7 @@ def test_every_method_ends_a_row_as_it_should(row):
     primal, default = results["primal"], results["default"]
     if row == "h/mu 1e-06":
         assert primal.status is Status.STAGNATED
-        assert "Rounding alone" in primal.message
+        assert "Rounding errors" in primal.message
     else:
         assert primal.status is Status.CONVERGED
     assert primal.iterations <= 15

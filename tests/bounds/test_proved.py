@@ -85,8 +85,8 @@ def test_verdicts_and_confidence(pressed):
     assert found.outcome == "PASS"
     assert found.guaranteed is proved
     assert f"({word(proved)})" in str(found)
-    assert ("Known from samples" in str(found)) is not proved
-    start = "Guaranteed" if proved else "Bounded from samples"
+    assert ("known from samples" in str(found)) is not proved
+    start = "Guaranteed" if proved else "Bound from samples"
     assert confidence(result).startswith(start)
 
 
@@ -100,7 +100,7 @@ def test_reports(pressed):
     result, proved = pressed
     said = how_exact(result)
     assert ("guaranteed" in said) is proved
-    assert ("by samples" in said) is not proved
+    assert ("from samples" in said) is not proved
 
 
 def test_the_command_line(pressed, monkeypatch, capsys):
@@ -110,6 +110,6 @@ def test_the_command_line(pressed, monkeypatch, capsys):
     assert main(["solve", "lshape"]) == 0
     out = capsys.readouterr().out
     assert f"percent, {word(proved)}" in out
-    assert ("Known from samples: gap" in out) is not proved
+    assert ("known from samples only: gap" in out) is not proved
     assert main(["solve", "lshape", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["guaranteed"] is proved

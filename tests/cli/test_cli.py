@@ -83,7 +83,7 @@ def test_limit_loads_by_the_command_line(tmp_path, capsys):
     words = ["limit", "cut", "--max-cells", "60", "--figures", str(tmp_path)]
     assert main(words) == 1
     out, err = capsys.readouterr()
-    assert "a finer mesh, which is not allowed" in out
+    assert "but max_cells forbids it" in out
     assert "elements: " in err
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"cut_bracket.png", "cut_mechanism.png"}
@@ -359,7 +359,7 @@ def test_ctrl_c_names_the_step_and_how_to_resume(tmp_path, monkeypatch, capsys):
     stopping_at(6, monkeypatch)
     assert main([*arguments, "--save", str(saved)]) == 130
     err = capsys.readouterr().err
-    assert "stopped by you after step 6" in err
+    assert "interrupted after step 6" in err
     assert f"--start {saved}" in err
     monkeypatch.undo()
     rest = record_of(capsys, *arguments[1:], "--start", str(saved))
@@ -376,17 +376,17 @@ def test_ctrl_c_between_solves_promises_only_what_was_written(
     monkeypatch.setattr("ngepc.cli.work.solve_to", pressed)
     assert main(["solve", "lshape", "--nodes", "33", "--error", "0.1"]) == 130
     err = capsys.readouterr().err
-    assert err == "ngepc solve: stopped by you; what was written is kept\n"
+    assert err == "ngepc solve: interrupted; files written so far are kept\n"
     monkeypatch.setattr("ngepc.studies.counts.Table1.solve", pressed)
     assert main(["study", "table1", "--levels", "1", "--out", str(tmp_path)]) == 130
-    assert "the same command goes on" in capsys.readouterr().err
+    assert "run the same command again" in capsys.readouterr().err
 
 
 def test_ctrl_c_without_a_file_says_what_to_do_next_time(monkeypatch, capsys):
     stopping_at(2, monkeypatch)
     assert main(["solve", "lshape", "--nodes", "113"]) == 130
     err = capsys.readouterr().err
-    assert "after step 2; give --save FILE" in err
+    assert "after step 2; use --save FILE" in err
     assert err.count("\n") == 1
 
 

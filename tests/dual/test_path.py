@@ -256,7 +256,7 @@ def test_what_fixes_the_spaces_cannot_change_along_a_path(problem):
 
 def test_a_system_refuses_a_functional_on_other_blocks(problem):
     one, other = (prepared(problem, Coupled(10.0), NewtonOptions()) for _ in range(2))
-    with pytest.raises(ValueError, match="blocks of its own"):
+    with pytest.raises(ValueError, match="made with other blocks"):
         NewtonSystem(one.blocks, "sparsecholesky").factorise(other, None)
 
 

@@ -99,7 +99,7 @@ def test_vertical_cut(cut):
     assert cut.relative_width <= 0.04
     assert cut.lower <= 3.7776
     assert cut.upper >= 3.7752
-    assert "Hardening does not count" in cut.message
+    assert "Hardening is neglected" in cut.message
 
 
 def test_prandtl(punch):

@@ -183,7 +183,7 @@ def test_the_error_is_called_guaranteed_only_if_it_is():
 
     assert said(pressed).endswith("of the energy, guaranteed")
     wavy = replace(pressed, gap=1e-4 * sin(x) - 0.001)
-    assert said(wavy).endswith("by samples of the data")
+    assert said(wavy).endswith("known from samples of the data")
     rough = replace(pressed, friction=Coulomb(0.2))
     assert said(rough).endswith("an estimate without guarantee")
 

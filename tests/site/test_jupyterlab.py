@@ -1,10 +1,11 @@
-"""The laboratory in JupyterLab: dragging is live, and the last picture is a solution."""
+"""The laboratory in JupyterLab and under voila: live, and the last picture is a solution."""
 
 import json
 import socket
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 import pytest
 from browser import Browser, chromium
@@ -40,30 +41,61 @@ def free_port():
 
 
 @pytest.fixture
-def page(tmp_path):
-    """The address of a notebook with one cell in a JupyterLab of its own."""
+def book(tmp_path):
+    """A notebook with one cell, the laboratory."""
     cell = {"cell_type": "code", "execution_count": None, "id": "a", "metadata": {}}
     cell |= {"outputs": [], "source": CODE}
     kernel = {"kernelspec": {"display_name": "Python 3", "name": "python3"}}
     book = {"cells": [cell], "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}
-    (tmp_path / "page.ipynb").write_text(json.dumps(book))
-    port = free_port()
-    given = OPTIONS | {"ServerApp.port": port, "ServerApp.root_dir": tmp_path}
-    flags = [f"--{name}={value}" for name, value in given.items()]
-    command = [sys.executable, "-m", "jupyterlab", "--no-browser", *flags]
-    log = tmp_path / "log"
+    path = tmp_path / "page.ipynb"
+    path.write_text(json.dumps(book))
+    return path
+
+
+@contextmanager
+def serving(module, arguments, log):
+    """A server, from the moment that it says its address."""
     with log.open("w") as out:
-        lab = subprocess.Popen(command, stdout=out, stderr=out)
+        command = [sys.executable, "-m", module, "--no-browser", *arguments]
+        server = subprocess.Popen(command, stdout=out, stderr=out)
     end = time.monotonic() + 120
     while "is running at" not in log.read_text() and time.monotonic() < end:
         time.sleep(0.5)
-    yield f"http://127.0.0.1:{port}/lab/tree/page.ipynb?reset"
-    lab.terminate()
+    yield
+    server.terminate()
     try:
-        lab.wait(20)
+        server.wait(20)
     except subprocess.TimeoutExpired:
-        lab.kill()
-        lab.wait()
+        server.kill()
+        server.wait()
+
+
+@pytest.fixture
+def page(book):
+    """The address of the notebook in a JupyterLab of its own."""
+    port = free_port()
+    given = OPTIONS | {"ServerApp.port": port, "ServerApp.root_dir": book.parent}
+    flags = [f"--{name}={value}" for name, value in given.items()]
+    with serving("jupyterlab", flags, book.with_name("log")):
+        yield f"http://127.0.0.1:{port}/lab/tree/page.ipynb?reset"
+
+
+def drag_and_check(tab, seen):
+    """Drag the load: frames meanwhile, the last one a solve; no request, no error."""
+    requests = len(seen.requests)
+    errors = list(seen.errors)
+    tab.evaluate("document.querySelector('.ngepc-lab').scrollIntoView(); 1")
+    tab.settle()
+    tab.drag(".ngepc-lab input[name=load]", (10 / 12, 0.3), 60)
+    while_dragging = tab.evaluate(f"{STATE}.frames")
+    tab.wait_for(f"!{STATE}.busy && {STATE}.wanted === null", 60)
+    drawn = tab.evaluate(f"{STATE}.drawn")
+    load = tab.evaluate("document.querySelector('.ngepc-lab input[name=load]').exact")
+    assert while_dragging >= 3
+    assert drawn["exact"]
+    assert drawn["values"]["load"] == load
+    assert seen.errors == errors
+    assert [r for r in seen.requests[requests:] if r.startswith("http")] == []
 
 
 def test_the_laboratory_is_live_in_jupyterlab(page):
@@ -73,19 +105,19 @@ def test_the_laboratory_is_live_in_jupyterlab(page):
         tab.wait_for(f"{READY} === 'idle'", 120)
         tab.evaluate("jupyterapp.commands.execute('notebook:run-all-cells'); 1")
         tab.wait_for("!!document.querySelector('.ngepc-lab')", 120)
-        tab.evaluate("document.querySelector('.ngepc-lab').scrollIntoView(); 1")
-        tab.settle()
-        tab.drag(".ngepc-lab input[name=load]", (10 / 12, 0.3), 60)
-        while_dragging = tab.evaluate(f"{STATE}.frames")
-        tab.wait_for(f"!{STATE}.busy && {STATE}.wanted === null", 60)
-        drawn = tab.evaluate(f"{STATE}.drawn")
-        load = tab.evaluate(
-            "document.querySelector('.ngepc-lab input[name=load]').exact"
-        )
-        assert while_dragging >= 3
-        assert drawn["exact"]
-        assert drawn["values"]["load"] == load
+        drag_and_check(tab, seen)
         assert seen.errors == []
         here = page.split("/lab/")[0]
         beyond = [r for r in seen.requests if not r.startswith(here)]
         assert [r for r in beyond if r.startswith("http")] == []
+
+
+def test_the_laboratory_is_live_under_voila(book):
+    pytest.importorskip("voila", reason="pip install voila")
+    port = free_port()
+    arguments = [f"--port={port}", "--Voila.ip=127.0.0.1", str(book)]
+    with serving("voila", arguments, book.with_name("log")), Browser(1300, 900) as tab:
+        here = f"http://127.0.0.1:{port}"
+        seen = tab.visit(f"{here}/")
+        tab.wait_for("!!document.querySelector('.ngepc-lab input[name=load]')", 120)
+        drag_and_check(tab, seen)  # voila's own page asks the network for a script

@@ -34,7 +34,6 @@ EARLIER = {
     "differentiability",
     "duality",
     "figure4",
-    "figures",
     "foreign",
     "large",
     "locking",
