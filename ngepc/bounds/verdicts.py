@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from ngsolve import Mesh
 
@@ -128,18 +130,23 @@ def confidence(result: object) -> str:
     """One line about the distance of the energy of a result from that of the continuous problem.
 
     A guaranteed bound where there is one, else an estimate by another order or by one refinement
-    of the mesh, which costs one more solve.
+    of the mesh, which costs one more solve.  Of a history it is the distance of its steps to those
+    of the continuous problem, where that has no bound the line of its last step.
 
     Parameters
     ----------
     result
-        The result of a solver of a ``Problem``.
+        The result of a solver of a ``Problem``, or of ``evolve``.
 
     Raises
     ------
     TypeError
         If ``result`` is not the result of a solver.
+    ValueError
+        For a history without a finished step.
     """
+    if hasattr(type(result), "distance_bound"):
+        return _of_history(result)
     problem = getattr(result, "problem", None)
     if not isinstance(problem, Problem):
         raise TypeError(f"result={result!r}: a result with a displacement is needed")
@@ -154,6 +161,27 @@ def confidence(result: object) -> str:
         f"Bound from samples of the data: the energy error is at most {percent:.2g} percent. "
         f"{bound.message}"
     )
+
+
+def _of_history(history: Any) -> str:
+    """The line of a history."""
+    if not history.steps:
+        raise ValueError("result: a history with a finished step is needed")
+    last = history.steps[-1].solution
+    try:
+        distance = history.distance_bound
+    except (ValueError, RuntimeError):
+        return f"The last step, from the state where it starts: {confidence(last)}"
+    size = math.sqrt(2 * error_bound(last).strain_energy)
+    percent = 100 * distance.value / size if size > 0 else math.inf
+    start = (
+        "Guaranteed: the" if distance.guaranteed else "Estimate, not guaranteed: the"
+    )
+    said = (
+        f"{start} stress after the last step is off by {percent:.2g} percent at most, in the "
+        "energy norm, from that of the continuous problem with the same increments."
+    )
+    return " ".join(filter(None, [said, distance.message]))
 
 
 def _estimated(result: object, problem: Problem, reason: str) -> str:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from featured import CHANGES, problem_with
 from ngsolve import x
 
 from ngepc import (
@@ -10,6 +11,7 @@ from ngepc import (
     Material,
     Problem,
     confidence,
+    evolve,
     semismooth_newton,
     solve_to,
     verdict,
@@ -77,6 +79,24 @@ def square(**data):
 
 
 @pytest.mark.parametrize(
+    ("data", "start"),
+    [
+        ({}, "Guaranteed: the stress after the last step"),
+        ({"contact": "contact", "gap": 1.0}, "Estimate, not guaranteed: the stress"),
+        (
+            {"springs": {"contact": 1.0}},
+            "The last step, from the state where it starts: Estimate",
+        ),
+    ],
+)
+def test_histories_have_their_line(data, start):
+    problem = square(traction={"right": (1.0, 0.0)}, order=1, **data)
+    line = confidence(evolve(problem, [(0.5, {}), (1.0, {})]))
+    assert line.startswith(start)
+    assert "\n" not in line
+
+
+@pytest.mark.parametrize(
     ("problem", "word"),
     [
         (lambda: square(traction={"contact": (0.0, -1.0)}), "Guaranteed"),
@@ -95,3 +115,11 @@ def square(**data):
 )
 def test_every_problem_has_its_line(problem, word):
     assert confidence(semismooth_newton(problem())).startswith(word)
+
+
+@pytest.mark.parametrize("feature", sorted(CHANGES))
+def test_every_feature_has_its_line(feature):
+    result = semismooth_newton(problem_with(feature))
+    line = confidence(result)
+    assert line.startswith(("Guaranteed: ", "Estimate by "))
+    assert "percent" in line
