@@ -186,13 +186,12 @@ def solve_to(
     records: list[MeshRecord] = []
     state = starting_state(DiscreteProblem(problem), None)
     small = 0.0
+    interval: GoalBound | None = None
     while True:
         result, bound, steps, setting = solved(state, small, options)
-        interval = (
-            None
-            if goal is None
-            else GoalProblem.of_bound(setting, bound).bound_of(goal)
-        )
+        if goal is not None:
+            near = None if interval is None else interval.factor
+            interval = GoalProblem.of_bound(setting, bound).bound_of(goal, near)
         here = BoundedResult(result, bound, asked, records, "", interval)
         records.append(mesh_record(here, steps))
         message = ending(result, reported(records[-1], monitor))

@@ -21,7 +21,7 @@ The lower bound is the same with -z, -tau^, -pi^ and -c.  ``docs/goal_bound.md``
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,9 +45,11 @@ COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress
 STEP = 1.6
 """Factor between the lambdas that are tried."""
 TRIES = 8
-REBUILDS = 2
-AGAIN = 1.5
-"""An adjoint is computed anew if the best lambda is larger by this factor."""
+FURTHER = 1.3
+"""Factor between the lambdas for which adjoints are computed anew."""
+REBUILDS = 3
+WORTH = 0.01
+"""The part of the width that is worth one more adjoint."""
 LARGEST = 1e12
 FIRST = 1.2
 """The first lambda over the goal per twice the strain energy, which have the same unit.
@@ -211,8 +213,8 @@ class GoalProblem:
         self.bound = bound
         self._adjoints = AdjointProblem(setting, bound.state, bound.pressure)
 
-    def bound_of(self, goal: object) -> GoalBound:
-        """The interval of a goal."""
+    def bound_of(self, goal: object, near: float | None = None) -> GoalBound:
+        """The interval of a goal; ``near`` is about its lambda, on a mesh before for example."""
         setting = self.setting
         terms = terms_of(goal, setting)
         discrete = terms.value(setting, self.bound.state)
@@ -224,20 +226,49 @@ class GoalProblem:
         scale = abs(discrete)
         if terms.motion is not None:
             scale = max(scale, np.abs(self.bound.state.internal_forces).max())
-        factor = FIRST * (scale or 1.0) / (2 * energy)
-        best = self._candidate(terms, factor)
-        for _ in range(REBUILDS):
-            if best.factor < AGAIN * best.adjoint.least:
-                break
-            made = math.sqrt(best.factor * best.adjoint.least / 2)
-            trial = self._candidate(terms, max(made, AGAIN * best.adjoint.least))
-            if trial.width >= best.width:
-                break
-            best = trial
+        first = FIRST * (scale or 1.0) / (2 * energy)
+        best = self._best(terms, first, near)
         return self._told(terms, best, discrete)
 
-    def _candidate(self, terms: GoalTerms, factor: float) -> Candidate:
+    def _best(self, terms: GoalTerms, first: float, near: float | None) -> Candidate:
+        """The best lambda and adjoint, from a small lambda or one near the best."""
+        if not len(self.setting.contact.nodes):
+            return self._climbed(terms, first)  # one adjoint for all lambdas
+        if near is not None:
+            return self._followed(terms, self._candidate(terms, near))
+        best = self._climbed(terms, first)
+        if best.factor > best.adjoint.least:
+            best = min(best, self._candidate(terms, best.factor), key=_width)
+        return self._followed(terms, best)
+
+    def _followed(self, terms: GoalTerms, best: Candidate) -> Candidate:
+        """The best of larger lambdas, else of smaller ones, with an adjoint for each of them."""
+        for ratio in (FURTHER, 1 / FURTHER):
+            found = best
+            for _ in range(REBUILDS):
+                trial = self._candidate(terms, ratio * found.factor)
+                if trial.width >= (1 - WORTH) * found.width:
+                    break
+                found = trial
+            if found is not best:
+                return found
+        return best
+
+    def _climbed(self, terms: GoalTerms, factor: float) -> Candidate:
         """The best lambda for the adjoint that is made for a factor, or for a larger one."""
+        found = self._candidate(terms, factor)
+        factor = found.factor
+        width = found.width
+        for _ in range(TRIES):
+            trial = found.integrand.likely(STEP * factor)
+            if trial >= width:
+                break
+            factor *= STEP
+            width = trial
+        return replace(found, factor=factor, width=width)
+
+    def _candidate(self, terms: GoalTerms, factor: float) -> Candidate:
+        """The adjoint that is made for a lambda, or for a larger one."""
         adjoint = self._adjoints.of(terms, factor)
         while not math.isfinite(adjoint.least):
             factor *= 8
@@ -247,14 +278,7 @@ class GoalProblem:
                 )
             adjoint = self._adjoints.of(terms, factor)
         integrand = integrand_of(self.setting, self.bound, adjoint)
-        width = integrand.likely(factor)
-        for _ in range(TRIES):
-            trial = integrand.likely(STEP * factor)
-            if trial >= width:
-                break
-            factor *= STEP
-            width = trial
-        return Candidate(adjoint, integrand, factor, width)
+        return Candidate(adjoint, integrand, factor, integrand.likely(factor))
 
     def _told(self, terms: GoalTerms, chosen: Candidate, discrete: float) -> GoalBound:
         """The interval of a choice."""
@@ -290,3 +314,7 @@ class Candidate:
     integrand: Integrand
     factor: float
     width: float
+
+
+def _width(candidate: Candidate) -> float:
+    return candidate.width
