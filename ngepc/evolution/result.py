@@ -157,9 +157,13 @@ class Memory:
     def problem(self, base: Problem, changes: Mapping[str, object]) -> Problem:
         """``base`` with the changes of a step and this memory as its initial state."""
         step = base.changed(**changes)
+        check_kind(base.material, step.material)
+        return self.before(step)
+
+    def before(self, step: Problem, **left: object) -> Problem:
+        """A step that is checked, with this memory as its initial state, and what else is left."""
         material = step.material
-        check_kind(base.material, material)
-        tensor = base.kinematics.tensor
+        tensor = step.kinematics.tensor
         arrays = self.with_material(material).arrays
         given = {name: self.functions.function(v) for name, v in arrays.items()}
         hardening = tensor(given["back_stress"])
@@ -171,6 +175,7 @@ class Memory:
             initial_plastic_strain=tensor(given["plastic_strain"]),
             initial_hardening=hardening,
             initial_accumulated=given["accumulated"],
+            **left,
         )
 
 

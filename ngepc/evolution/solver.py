@@ -29,6 +29,7 @@ from ngepc.evolution.result import (
     EvolutionStep,
     Memory,
     StepRecord,
+    check_kind,
 )
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import RepeatedSolver
@@ -199,6 +200,7 @@ class _Run:
 
     def __post_init__(self) -> None:
         self.evolution = Evolution(self.problem, [], Memory.initial(self.problem))
+        self._checked: dict[float, tuple[Problem, Problem]] = {}
         for time in self.schedule.times:
             step = self._problem_at(time)
             if self.error is not None:
@@ -277,13 +279,22 @@ class _Run:
         return times[-1] if times else self.schedule.begin
 
     def _problem_at(self, time: float) -> Problem:
-        changes = dict(self.schedule.at(time))
         now = self._now
-        changes["duration"] = None if now is None else time - now
-        rough = changes.get("friction", self.problem.friction) is not None
-        if rough:
-            changes["initial_displacement"] = self._start_of_slip(now, time)
-        return self.evolution.memory.problem(self.problem, changes)
+        left: dict[str, object] = {"duration": None if now is None else time - now}
+        step = self._stated(time, left["duration"])
+        if step.friction is not None:
+            left["initial_displacement"] = self._start_of_slip(now, time)
+        return self.evolution.memory.before(step, **left)
+
+    def _stated(self, time: float, duration: float | None) -> Problem:
+        """The problem with the changes of a step, checked once, and any history."""
+        base, step = self._checked.get(time, (None, None))
+        if base is not self.problem:
+            changes = dict(self.schedule.at(time)) | {"duration": duration}
+            step = self.problem.changed(**changes)
+            check_kind(self.problem.material, step.material)
+            self._checked[time] = self.problem, step
+        return step
 
     def _start_of_slip(self, before: float | None, time: float) -> object:
         """The displacement at which nothing has slipped in the step; None for zero.

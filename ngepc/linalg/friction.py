@@ -174,9 +174,12 @@ class FrictionCone:
     def projected(self, y: np.ndarray) -> np.ndarray:
         """The point of |t| <= b(n) closest to y_t, with n = [y_n]_+; both stacked."""
         n, t = self.split(y)
-        slips, e, b, _ = self.slipping(y)
+        size = np.abs(t[:, 0]) if self.d == 1 else np.linalg.norm(t, axis=1)
+        bound = self.bound(n)
+        slips = size > bound
+        share = np.where(slips, bound / np.where(slips, size, 1.0), 1.0)
         n = np.where(self.tied, n, np.maximum(n, 0.0))
-        return np.append(n, np.where(slips[:, None], b[:, None] * e, t))
+        return np.append(n, share[:, None] * t)
 
     def slope(
         self, y: np.ndarray, closed: np.ndarray, slips: np.ndarray | None = None

@@ -36,6 +36,9 @@ HISTORY = (
 )
 """Arguments for the history of the body, and the stress-free strain."""
 
+LEFT = (*HISTORY, "initial_displacement", "duration")
+"""Arguments that the steps before determine."""
+
 
 class DefaultOrder(int):
     """The default order of displacements: a copy with other data chooses its own default."""

@@ -12,7 +12,7 @@ from ngepc.checks import pickling as pickling  # registers pickling of NGSolve's
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_mesh
 from ngepc.model.checks import check_mesh, check_problem
-from ngepc.model.data import HISTORY, DefaultOrder, ProblemData
+from ngepc.model.data import LEFT, DefaultOrder, ProblemData
 from ngepc.model.data import as_scalar as as_scalar
 from ngepc.model.elements import outward_normal
 from ngepc.model.features import features_of
@@ -163,10 +163,10 @@ class Problem(ProblemData):
         return other
 
     def continued(self, **history: object) -> Problem:
-        """The problem with the history of a finished step (``HISTORY``), not checked again."""
-        strange = sorted(set(history) - set(HISTORY))
+        """The problem with what steps before it left behind (``LEFT``), not checked again."""
+        strange = sorted(set(history) - set(LEFT))
         if strange:
-            raise TypeError(f"{', '.join(strange)}: fields of a history are {HISTORY}")
+            raise TypeError(f"{', '.join(strange)}: fields of a history are {LEFT}")
         return self._with(history)
 
     def _with(self, changes: dict[str, object]) -> Problem:

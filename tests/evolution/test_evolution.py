@@ -259,6 +259,17 @@ def test_the_elastic_energy_of_a_record_is_that_of_the_fields(kinematics):
     assert step.record.elastic_energy == pytest.approx(expected, rel=1e-10)
 
 
+def test_each_step_is_checked_once(monkeypatch):
+    problem = punched()
+    checked = []
+    monkeypatch.setattr(
+        "ngepc.model.problem.check_problem", lambda *given: checked.append(given)
+    )
+    pairs = [(t, {"gap": 0.02 - 0.01 * t}) for t in (0.5, 1.0, 1.5)]
+    evolve(problem, pairs).raise_for_status()
+    assert len(checked) == len(pairs)
+
+
 def test_one_step_is_the_solver_alone():
     problem = punched()
     evolution = evolve(problem, [(1.0, {})])
