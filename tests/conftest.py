@@ -20,13 +20,18 @@ from ngepc.pictures.stills import renderer
 HERE = Path(__file__).parent
 
 SLOW = (
+    "abuse/test_bad_arguments.py",
     "abuse/test_bad_command_lines.py",
     "abuse/test_interruption.py",
     "abuse/test_robustness.py",
+    "bounds/test_admissible.py",
     "bounds/test_goal_bound.py",
+    "bounds/test_goals.py",
     "bounds/test_hidden.py",
     "bounds/test_oscillation.py",
     "bounds/test_proved.py",
+    "bounds/test_random.py",
+    "bounds/test_receipt.py",
     "bounds/test_solid.py",
     "bounds/test_verdicts.py",
     "campaigns",
@@ -35,6 +40,7 @@ SLOW = (
     "contact/test_floating.py",
     "contact/test_friction.py",
     "contact/test_two_bodies.py",
+    "discretisation/test_invariants.py",
     "dual/test_algorithms_66_68.py",
     "dual/test_duality.py",
     "dual/test_honest_convergence.py",
@@ -46,8 +52,10 @@ SLOW = (
     "limit",
     "local/test_counts.py",
     "local/test_exactness.py",
+    "local/test_forms.py",
     "local/test_multigrid.py",
     "local/test_processes.py",
+    "local/test_recovery.py",
     "local/test_sums.py",
     "model/test_own.py",
     "paper",
@@ -65,14 +73,18 @@ SLOW = (
     "physics/test_supports.py",
     "physics/test_verification.py",
     "pictures",
-    "sensitivity",
     "results/test_damaged.py",
     "results/test_files.py",
     "results/test_pickling.py",
+    "sensitivity",
     "site",
     "studies",
 )
-"""Folders and files whose tests take more than about four seconds of processor time together."""
+"""Folders and files whose tests take more than about four seconds of processor time together.
+
+Those of both Newton methods, ``dual/test_newton.py`` and ``primal/test_primal.py``, are quick ones
+nevertheless.
+"""
 
 
 def made_once(make):
