@@ -285,7 +285,7 @@ PROBLEMS = {
     ),
     "pressed into the clamped": (
         {"contact": "left", "gap": -0.1},
-        "gap=-0.1: the given displacement there must not exceed the gap, a larger gap is needed",
+        "gap=-0.1: the given displacement must not exceed the gap there, a larger gap is needed",
     ),
     # supports
     "nothing held": ({**ALONE, "clamped": None}, "leave 3 rigid motion(s)"),
@@ -587,7 +587,7 @@ PROBLEMS = {
     ),
     "a name that is a pattern": (
         {"mesh": named("cont.*"), "contact": "cont.*"},
-        "the name 'cont.*' has one of the signs",
+        "the name 'cont.*' has one of the characters",
     ),
     "3D not elliptic": (
         {"mesh": CUBE, "material": material(lame_lambda=-600.0)},

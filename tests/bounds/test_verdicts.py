@@ -100,7 +100,7 @@ def test_histories_have_their_line(data, start):
     ("problem", "word"),
     [
         (lambda: square(traction={"contact": (0.0, -1.0)}), "Guaranteed"),
-        (lambda: square(traction={"contact": (0.0, -1 / (1 + x))}), "Bounded from"),
+        (lambda: square(traction={"contact": (0.0, -1 / (1 + x))}), "Bound from"),
         (
             lambda: square(contact="contact", gap=-0.01, friction=Coulomb(0.3)),
             "Estimate by one refinement",

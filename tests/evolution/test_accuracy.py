@@ -96,14 +96,14 @@ def test_elastic_steps_are_exact():
     found = evolve(soft, load_cycle(soft, [1.0]), accuracy=0.01)
     assert len(found.steps) == 4
     assert found.time_error < 1e-10
-    assert "increments about" in repr(found)
+    assert "time error about" in repr(found)
 
 
 def test_what_cannot_be_reached_is_said():
     problem, schedule = sphere()
     found = evolve(problem, schedule, accuracy=1e-4, cuts=2)
     assert found.status is Status.STEP_LIMIT
-    assert "asked 0.0001" in found.message
+    assert "accuracy=0.0001 was asked for" in found.message
     assert found.steps[-1].record.time == 1.0
 
 
