@@ -43,7 +43,8 @@ def plot_history(
         If a history is none or has no records, or the tolerance is no positive number.
     """
     histories = {"": histories} if isinstance(histories, History) else histories
-    require_mapping("histories", histories, "label -> History, or a History")
+    needed = "label -> History, or a History (plot_curve draws load histories)"
+    require_mapping("histories", histories, needed)
     for label, history in histories.items():
         require_instance(f"histories[{label!r}]", history, History, "a History")
         if not history.records:

@@ -119,7 +119,10 @@ def test_a_stress_that_cannot_be_is_said():
 
 BAD = {
     "name": ({"strain": {"rr": 1.0}}, "components are needed"),
-    "twice": ({"strain": {"xx": 1.0}, "stress": {"xx": 1.0}}, "'xx' is given in strain too"),
+    "twice": (
+        {"strain": {"xx": 1.0}, "stress": {"xx": 1.0}},
+        "'xx' is given in strain too",
+    ),
     "lengths": (
         {"strain": {"xx": [1.0, 2.0]}, "stress": {"yy": [1.0, 2, 3]}},
         "the same number of corners",
