@@ -391,6 +391,8 @@ class Evolution(Ending):
         p_0 and alpha_0 after the last of them.
     status, message
         CONVERGED if all steps were done, or NOT_UNIQUE; otherwise what stopped the run, and when.
+        The message of a run that was not stopped says what is to be known of it: contact that never
+        happens, data known from samples, strains that are not small.
     """
 
     problem: Problem
@@ -405,6 +407,10 @@ class Evolution(Ending):
         if self.time_error is not None:
             off = f", time error about {100 * self.time_error:.2g} % (estimate)"
         return f"<Evolution: {self.status}, {len(self.steps)} steps{reached}{off}>"
+
+    def __str__(self) -> str:
+        """The summary on one line, and the message below it."""
+        return "\n".join(filter(None, (repr(self), self.message)))
 
     @cached_property
     def distance_bound(self) -> DistanceBound:

@@ -23,6 +23,7 @@ from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.discretisation.loads import displacement_space
 from ngepc.evolution.increments import Increments
 from ngepc.evolution.load_path import Schedule, as_schedule
+from ngepc.evolution.remarks import remarks
 from ngepc.evolution.result import (
     Evolution,
     EvolutionFile,
@@ -168,10 +169,11 @@ def evolve(
         coarse = _Run(problem, schedule, other, cuts, None, None, refinement)
         pair = Increments(run, coarse, schedule.begin, accuracy, cuts, monitor)
         pair.advance(list(schedule.times))
-        return run.evolution
-    if path is not None:
-        run.resume(EvolutionFile(path, problem, schedule, solver))
-    run.advance()
+    else:
+        if path is not None:
+            run.resume(EvolutionFile(path, problem, schedule, solver))
+        run.advance()
+    run.evolution.message = run.evolution.message or remarks(run.evolution.steps)
     return run.evolution
 
 
@@ -342,7 +344,7 @@ class _Run:
         record = StepRecord.of(result, fields, self.evolution.memory, **known)
         rows = result.state.contact if isinstance(result, DiscreteSolution) else None
         self._append(EvolutionStep(fields, record, rows))
-        if result.status is Status.CONVERGED:  # what a message tells is dear to find
+        if result.status is Status.CONVERGED:  # ``remarks`` at the end are of all steps
             return result.status, ""
         return result.status, result.message
 

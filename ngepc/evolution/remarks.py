@@ -1,0 +1,57 @@
+"""What a user must know of a history that has come to its end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from ngsolve import Grad
+
+from ngepc.discretisation.sampled import what_is_unseen
+from ngepc.evolution.result import EvolutionStep
+from ngepc.model.data import order_note
+from ngepc.model.elements import plastic_points
+from ngepc.results.fields import Fields
+from ngepc.results.result import SMALL_ROTATION, SMALL_STRAIN, large_motion
+
+
+def remarks(steps: Sequence[EvolutionStep]) -> str:
+    """Contact that never happens, data known from samples, strains that are not small.
+
+    Strains are those of the step with the largest displacement.
+    """
+    if not steps:
+        return ""
+    found = []
+    problem = steps[-1].fields.problem
+    if problem.contact is not None and not any(s.record.contact_force for s in steps):
+        found.append("Nothing touches the obstacle in any step.")
+    found += filter(None, (order_note(problem), what_is_unseen(problem)))
+    largest = max(steps, key=lambda step: furthest(step.fields))
+    strain, rotation = strain_and_rotation(largest.fields)
+    if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
+        found.append(
+            f"At time {largest.record.time:g}: {large_motion(strain, rotation)}"
+        )
+    return " ".join(found)
+
+
+def furthest(fields: Fields) -> float:
+    """The largest nodal displacement."""
+    largest = np.abs(fields.displacement.vec.FV().NumPy()).max(initial=0.0)
+    return fields.problem.processes.maximum(largest)
+
+
+def strain_and_rotation(fields: Fields) -> tuple[float, float]:
+    """The largest |eps(u)| and the largest rotation (rad) at the points of plasticity."""
+    problem = fields.problem
+    mesh = problem.mesh
+    rules = plastic_points(mesh, problem.order)
+    points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
+    slopes = np.asarray(Grad(fields.displacement)(points))
+    slopes = slopes.reshape(-1, problem.N, problem.N)
+    turned = slopes.swapaxes(1, 2)
+    strain = np.linalg.norm((slopes + turned) / 2, axis=(1, 2))
+    rotation = np.linalg.norm((slopes - turned) / 2, axis=(1, 2)) / np.sqrt(2)
+    maximum = problem.processes.maximum
+    return maximum(strain), maximum(rotation)
