@@ -146,7 +146,7 @@ def test_a_mesh_that_may_not_grow_ends_the_run():
     stopped = evolve(problem, load_cycle(problem, [1]), error=1e-3, refinement=few)
     assert stopped.status.label == "mesh_limit"
     assert "max_nodes=40" in stopped.message
-    assert "asked 0.001" in stopped.message
+    assert "error=0.001;" in stopped.message
     assert stopped.steps == []
 
 
