@@ -1,0 +1,63 @@
+"""Which rows are examined for other equilibria, and what is said where that is too many."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ngepc.discretisation import contact_step
+from ngepc.discretisation.contact_step import SEARCHED, rival
+from ngepc.model.processes import Team
+
+
+def state(multipliers, tied, open_gap):
+    """A solution with rows in the plane, some of which are tied; nothing is solved."""
+    count = len(multipliers)
+    cone = SimpleNamespace(
+        d=1,
+        coefficient=np.full(count, 0.3),
+        cap=np.full(count, np.inf),
+        given=np.zeros(count, dtype=bool),
+        tied=np.array(tied),
+        enumerable=False,
+    )
+    conditions = SimpleNamespace(processes=Team(), friction=cone, sum_of=np.sum)
+    body = SimpleNamespace(contact=conditions, row_stiffness=np.ones(count))
+    return SimpleNamespace(
+        body=body, multipliers=np.array(multipliers), open_gap=np.array(open_gap)
+    )
+
+
+@pytest.fixture
+def examined(monkeypatch):
+    """The rows that were examined."""
+    found = []
+
+    def other_forces(here, compliance, rows):
+        found.append(set(rows.tolist()))
+
+    monkeypatch.setattr(contact_step, "_other_forces", other_forces)
+    return found
+
+
+def test_tied_rows_come_first_then_those_that_press_or_are_closest(examined):
+    here = state(
+        [0, 0, 3, 0, -1, 2], [0, 0, 0, 0, 1, 1], [0.4, 0.1, 0.0, 0.2, 0.0, 0.0]
+    )
+    here.body.contact.friction.tied = here.body.contact.friction.tied.astype(bool)
+    assert rival(here, None, most=8) == (False, SEARCHED)
+    assert examined == [{4, 5, 2, 1}]
+
+
+@pytest.mark.parametrize(
+    ("multipliers", "tied"),
+    [([1, 2, 3, 4, 5, 0], 6 * [False]), ([0, 0, 0, 0, 0, 0], [True] * 5 + [False])],
+)
+def test_more_rows_that_press_or_are_tied_are_not_examined(multipliers, tied, examined):
+    """Four rows of two forces each may be."""
+    here = state(multipliers, tied, 6 * [0.0])
+    several, message = rival(here, None, most=8)
+    assert not several
+    assert message.startswith("Friction on 6 rows: ")
+    assert "not examined" in message
+    assert examined == []

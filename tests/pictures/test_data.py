@@ -1,0 +1,103 @@
+"""What goes into pictures and reports: orientations, sizes, numbers, tables; no pixels."""
+
+import numpy as np
+import pytest
+from solved import lshape_primal
+
+from ngepc import Material, Problem, plot_field, plot_history, semismooth_newton
+from ngepc.geometries import block
+from ngepc.pictures.report import html_table
+from ngepc.pictures.sliders import load_size
+from ngepc.pictures.vtu import CELLS, is_turned
+from ngepc.pictures.wording import largest, number
+
+METAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0
+)
+
+
+@pytest.mark.parametrize("shape", list(CELLS))
+def test_orientation_of_cells(shape):
+    """The sign of the determinant, also of sheared cells; mirrored ones are turned."""
+    cell = CELLS[shape]
+    corners = np.array(cell.corners, dtype=float)
+    N = corners.shape[1]
+    random = np.random.default_rng(0)
+    for _ in range(50):
+        map_ = random.normal(size=(N, N))
+        turned = is_turned(corners @ map_.T + random.normal(size=N), cell)
+        assert turned == (np.linalg.det(map_) < 0)
+
+
+def test_the_size_of_loads_is_that_of_the_largest():
+    """On boundaries; in the body, and of what moves, where there are none."""
+    mesh = block.structured_mesh(2, 2)
+
+    def size(**data):
+        return load_size(Problem(mesh, METAL, "clamped", **data))
+
+    loads = {"right": (3.0, 4.0), "contact": (1.0, 0.0), "left": (0.0, -2.0)}
+    assert size(traction=loads, body_force=(9.0, 0.0)) == 5.0
+    assert size(body_force=(0.6, -0.8)) == pytest.approx(1.0)
+    moves = {"contact": (0.25, -0.5)}
+    assert size(prescribed=moves) == 0.5
+    assert size() == 0.0
+
+
+def test_the_largest_displacement_is_that_of_a_corner():
+    result = lshape_primal()
+    mesh = result.problem.mesh
+    sizes = [
+        np.linalg.norm(result.displacement(mesh(*p))) for p in mesh.ngmesh.Points()
+    ]
+    assert largest(result, "displacement") == pytest.approx(max(sizes), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (210000.0, "210000"),
+        (12345.6, "12346"),
+        (1234.56, "1234.6"),
+        (0.0287, "0.0287"),
+        (-3.5, "−3.5"),
+        (0.0, "0"),
+        (4.2e-13, "4.2·10⁻¹³"),
+        (4.25e20, "4.25·10²⁰"),
+    ],
+)
+def test_numbers_as_engineers_write_them(value, text):
+    assert number(value) == text
+
+
+def test_tables_have_a_head_for_each_column():
+    rows = [{"what": "force", "size": 2.0}, {"what": "<p>", "unit": "N"}]
+    table = html_table(rows)
+    head, body = table.split("</thead>")
+    assert '<th class="text">what</th><th>size</th><th>unit</th>' in head
+    assert '<tr><td class="text">force</td><td>2</td><td></td></tr>' in body
+    assert '<td class="text">&lt;p&gt;</td><td></td><td class="text">N</td>' in body
+
+
+def test_three_panels_of_a_long_body_fit_on_a_page():
+    """3.6 inches each, and the scale of colours."""
+    mesh = block.structured_mesh(4, 1, size=(8.0, 1.0))
+    problem = Problem(mesh, METAL, "left", traction={"right": (0.0, 0.1)}, order=1)
+    result = semismooth_newton(problem)
+    figure = plot_field(dict.fromkeys("abc", result), "von_mises")
+    width, height = figure.get_size_inches()
+    assert width <= 3 * 3.6 + 1.0
+    assert 0.5 < height < 4.0
+
+
+def test_step_lengths_are_drawn_over_powers_of_two():
+    """Damped steps are halves: each has its line of the grid; residuals are in decades."""
+    figure = plot_history(lshape_primal().history)
+    left, right = figure.axes[:2]
+    assert left.yaxis.get_transform().base == 10
+    assert right.yaxis.get_transform().base == 2
+    (line,) = right.lines[:1]
+    steps, lengths = line.get_data()
+    history = lshape_primal().history
+    np.testing.assert_array_equal(steps, np.arange(1, len(history.records)))
+    np.testing.assert_array_equal(lengths, history.step_lengths)

@@ -1,0 +1,112 @@
+"""Records, stored arrays, fingerprints and messages beside plain statements."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ngsolve import CF, sin, y
+from solved import lshape_primal
+from teams import Jacobi
+
+from ngepc import Material, NewtonOptions, Problem, Status, semismooth_newton
+from ngepc.geometries import block
+from ngepc.results.checkpoint import problem_fingerprint
+from ngepc.results.records import FIELDS, checked, provenance, solve_record
+from ngepc.results.stored import array_of
+
+METAL = Material.kinematic(
+    lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0
+)
+
+
+@pytest.fixture
+def record():
+    """The record of a solve, as it is stored."""
+    found = solve_record("lshape", lshape_primal(), 1.5)
+    extra = {"method": "primal", "gamma": None, "start": "zero", "error_asked": None}
+    extra |= {"error_bound": None, "guaranteed": None}
+    return found | extra | provenance()
+
+
+def test_a_record_has_all_fields_and_no_others(record):
+    assert checked(record) == record
+    assert set(record) == set(FIELDS)
+    for name in FIELDS:
+        rest = {key: value for key, value in record.items() if key != name}
+        with pytest.raises(KeyError, match=name):
+            checked(rest)
+    with pytest.raises(KeyError, match="colour is no field"):
+        checked(record | {"colour": "red"})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("version", 1.0),
+        ("command", None),
+        ("message", ["none"]),
+        ("nodes", 2.5),
+        ("iterations", -1),
+        ("residual_norms", [1.0, None]),
+        ("guaranteed", "yes"),
+        ("wall_time_s", "long"),
+    ],
+)
+def test_a_field_of_another_kind_is_named(name, value, record):
+    assert name in FIELDS
+    with pytest.raises(TypeError, match=name):
+        checked(record | {name: value})
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        None,
+        np.arange(3),
+        np.ones(3, dtype=np.float32),
+        np.ones((3, 1)),
+        np.array([1.0, np.nan, 2.0]),
+    ],
+)
+def test_stored_arrays_are_finite_real_numbers_of_one_shape(found):
+    good = np.array([1.0, 2.0, 3.0])
+    assert array_of(Path("run.npz"), {"u": good}, "u", 3) is good
+    with pytest.raises(ValueError, match=r"run\.npz is damaged: 'u'"):
+        array_of(Path("run.npz"), {} if found is None else {"u": found}, "u", 3)
+
+
+def test_loads_that_differ_between_vertices_have_other_fingerprints():
+    """The sine vanishes at all vertices and middles of edges."""
+    mesh = block.structured_mesh(2, 2)
+
+    def fingerprint(size):
+        wave = CF((0.0, size * sin(4 * np.pi * y) ** 2))
+        return problem_fingerprint(Problem(mesh, METAL, traction={"right": wave}))
+
+    assert fingerprint(1.0) == fingerprint(1.0)
+    assert fingerprint(1.0) != fingerprint(2.0)
+
+
+def test_a_body_at_rest_overlaps_nothing():
+    mesh = block.structured_mesh(2, 2)
+    rest = semismooth_newton(Problem(mesh, METAL, contact="contact", gap=0.5))
+    assert rest.status is Status.CONVERGED
+    assert "overlaps" not in rest.message
+
+
+def test_the_largest_strain_is_the_frobenius_norm():
+    """Of a body that is stretched and sheared uniformly."""
+    mesh = block.structured_mesh(2, 2, size=(1.0, 1.0))
+    sides = "|".join(sorted(set(mesh.GetBoundaries())))
+    moved = {sides: (3e-4 * y, -2e-4 * y)}
+    result = semismooth_newton(Problem(mesh, METAL, None, prescribed=moved))
+    strain = np.array([[0.0, 1.5e-4], [1.5e-4, -2e-4]])
+    assert result.largest_strain == pytest.approx(np.linalg.norm(strain), rel=1e-9)
+
+
+def test_a_linear_solver_that_was_asked_for_is_not_exchanged():
+    """One step of conjugate gradients is too few: the run says so, and ends."""
+    problem = Problem(block.structured_mesh(4, 4), METAL, traction={"right": (1.0, 0)})
+    options = NewtonOptions(inverse=Jacobi(max_iterations=1))
+    result = semismooth_newton(problem, options=options)
+    assert result.status is Status.NONFINITE
