@@ -56,6 +56,7 @@ ROOMS = (
 )
 ELSEWHERE = "local/petsc.py"  # its tests need another Python
 PLACES = re.compile(r"(?<![\w.])/[\w.-]+(?:/[\w.-]+)+")  # folders of this machine
+KILLER = re.compile(r"tests/\S+\.py::\w+(?:\[.*?\])?(?=: )")  # at the begin of a reason
 LEAST = 10  # mutants of each room
 MORE = 5
 GRACE = 10  # seconds of work beyond what the tests cost without a mutation
@@ -318,8 +319,8 @@ def share(room, records):
 
 def tests_of(record):
     """The test that has killed a mutant, '' if there is none."""
-    told = record["why"].partition(": ")[0]
-    return told if record["verdict"] == "killed" and told.startswith("tests/") else ""
+    found = KILLER.match(record["why"])
+    return found[0] if record["verdict"] == "killed" and found else ""
 
 
 def refuses(test):

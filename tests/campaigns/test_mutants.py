@@ -88,6 +88,14 @@ def test_map(tmp_path):
     assert executed.tests("room/ten.py", 11, 11) == []
 
 
+def test_names_of_tests_may_have_colons():
+    name = "tests/room/test_ten.py::test_it[strain: 1]"
+    killed = {"verdict": "killed", "why": f"{name}: assert 1: 2"}
+    assert mutants.tests_of(killed) == name
+    assert mutants.tests_of({"verdict": "killed", "why": "its import: x"}) == ""
+    assert mutants.tests_of({"verdict": "survived", "why": f"{name}: x"}) == ""
+
+
 @pytest.fixture
 def bench(tmp_path, monkeypatch):
     """A project with one module."""

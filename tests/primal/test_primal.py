@@ -621,3 +621,23 @@ def test_trials_close_in_on_a_jump_of_the_slope():
     """Slope -1 before 1e-3, 0.5 after it: what is left is the end below the jump."""
     length, _ = nearly_flat(lambda t: -1.0 if t < 1e-3 else 0.5, 0.0)
     assert 1e-3 - 1e-4 < length < 1e-3
+
+
+@pytest.mark.parametrize("accumulated", [0.0, 0.02])
+def test_the_energy_with_a_law_of_hardening_is_that_of_the_exact_method(accumulated):
+    """Also after a history: the energy of hardening is counted from there on."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    moduli = {"lame_lambda": 1e3, "lame_mu": 1e3, "hardening": 40.0}
+    material = Material.with_law(**moduli, law=Voce(1.5, 1.0, 50.0))
+    problem = Problem(
+        mesh,
+        material,
+        traction={"right": (2.4, 0.3)},
+        initial_accumulated=accumulated,
+        order=1,
+    )
+    exact = semismooth_newton(problem).raise_for_status()
+    primal = primal_newton(problem).raise_for_status()
+    assert np.abs(exact.plastic_increment.vec.FV().NumPy()).max() > 1e-4
+    assert primal.primal_energy == pytest.approx(exact.primal_energy, rel=1e-10)
+    assert primal.dual_energy == pytest.approx(-primal.primal_energy, rel=1e-8)
