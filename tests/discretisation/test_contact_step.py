@@ -5,8 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ngepc import Material, Problem, semismooth_newton
 from ngepc.discretisation import contact_step
 from ngepc.discretisation.contact_step import SEARCHED, rival
+from ngepc.discretisation.factors import Factors
+from ngepc.geometries import block
 from ngepc.model.processes import Team
 
 
@@ -61,3 +64,26 @@ def test_more_rows_that_press_or_are_tied_are_not_examined(multipliers, tied, ex
     assert message.startswith("Friction on 6 rows: ")
     assert "not examined" in message
     assert examined == []
+
+
+def test_factors_with_springs_of_the_rows():
+    """(K + R' k R) u = f; each row belongs to one node with order one, not with order two."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    metal = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0
+    )
+    problem = Problem(mesh, metal, contact="contact", gap=-1e-3, order=1)
+    result = semismooth_newton(problem)
+    body = result.state.body
+    factors = Factors(body, "sparsecholesky")
+    factors.update(result.state.moduli)
+    random = np.random.default_rng(0)
+    springs = random.uniform(1.0, 1e3, body.contact.matrix.shape[0])
+    forces = np.where(body.free, random.normal(size=body.free.shape), 0.0)
+    u = factors.stiffened(springs)(forces)
+    R = body.contact.matrix
+    held = (R.T @ (springs * (R @ u.ravel()))).reshape(u.shape)
+    rest = np.where(body.free, factors.multiply(u) + held - forces, 0.0)
+    assert np.abs(rest).max() < 1e-9 * np.abs(forces).max()
+    quadratic = semismooth_newton(problem.changed(order=2))
+    assert Factors(quadratic.state.body, "sparsecholesky").stiffened is None

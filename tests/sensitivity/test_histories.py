@@ -1,11 +1,16 @@
 """Derivatives backwards and forwards through time steps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaigns.derivatives import compared
 from campaigns.random_data import four_times, functionals, random_problem, sizes
 
 from ngepc import (
+    Coulomb,
+    Material,
+    Problem,
     cold_start,
     evolve,
     load_cycle,
@@ -13,7 +18,8 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
-from ngepc.geometries import lshape
+from ngepc.geometries import block, lshape
+from ngepc.sensitivity.contact import LinearContact, biactive_set
 from ngepc.sensitivity.gradient import gradient, states_of, tangent, tangents_at
 
 
@@ -73,6 +79,10 @@ def test_the_regularised_method_has_no_derivatives():
     dual = evolve(problem, [(1.0, {})], cold_start(semismooth_newton, gamma=1e2))
     with pytest.raises(ValueError, match="steps of the exact methods are needed"):
         gradient(dual, "contact_force", "gap")
+    mixed = evolve(problem, [(1.0, {}), (2.0, {})])
+    mixed.steps[1] = replace(mixed.steps[1], contact=None)
+    with pytest.raises(ValueError, match="steps of the exact methods are needed"):
+        gradient(mixed, "contact_force", "gap")
     primal = evolve(problem, [(1.0, {})], primal_newton)
     exact = evolve(problem, [(1.0, {})])
     slopes = [gradient(run, "contact_force", "gap")["gap"] for run in (primal, exact)]
@@ -104,3 +114,30 @@ def test_a_body_that_waits_is_biactive():
     )
     assert slopes.message.startswith("Step 2")
     assert tangent(waiting, "gap").message == slopes.message
+
+
+def test_which_rows_are_biactive_does_not_depend_on_units():
+    """A block that is pressed and pushed aside: some rows stick, some slip, none is between."""
+
+    def biactive(unit):
+        metal = Material.kinematic(
+            lame_lambda=1e3 * unit,
+            lame_mu=1e3 * unit,
+            yield_stress=50.0 * unit,
+            hardening=100.0 * unit,
+        )
+        mesh = block.structured_mesh(4, 4, simplices=True)
+        pressed = {"contact": "contact", "gap": -5e-3, "friction": Coulomb(0.3)}
+        load = {"right": (0.0, 0.0), "left": (1.5 * unit, 0.0)}
+        problem = Problem(mesh, metal, "clamped", traction=load, order=1, **pressed)
+        state = semismooth_newton(problem).raise_for_status().state
+        contact = LinearContact(state)
+        return contact.slips, biactive_set(contact)
+
+    slips, one = biactive(1.0)
+    others, small = biactive(1e-6)
+    assert slips.any()
+    np.testing.assert_array_equal(slips, others)
+    for mine, other in zip(one, small, strict=True):
+        np.testing.assert_array_equal(mine, other)
+    assert len(one.kinks) == 0
