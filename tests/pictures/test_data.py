@@ -38,6 +38,7 @@ def test_the_size_of_loads_is_that_of_the_largest():
 
     loads = {"right": (3.0, 4.0), "contact": (1.0, 0.0), "left": (0.0, -2.0)}
     assert size(traction=loads, body_force=(9.0, 0.0)) == 5.0
+    assert size(traction={"right": (3.0, 4.0), "left": (0.0, 0.0)}) == 5.0
     assert size(body_force=(0.6, -0.8)) == pytest.approx(1.0)
     moves = {"contact": (0.25, -0.5)}
     assert size(prescribed=moves) == 0.5

@@ -641,3 +641,4 @@ def test_the_energy_with_a_law_of_hardening_is_that_of_the_exact_method(accumula
     assert np.abs(exact.plastic_increment.vec.FV().NumPy()).max() > 1e-4
     assert primal.primal_energy == pytest.approx(exact.primal_energy, rel=1e-10)
     assert primal.dual_energy == pytest.approx(-primal.primal_energy, rel=1e-8)
+    assert primal.iterations <= exact.iterations  # the tangent is the derivative

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from ngsolve import Integrate
 from ngsolve.meshes import MakeStructured2DMesh
+from solved import lshape_dual
 
 from ngepc import PyAMG, lshape_problem
 from ngepc.geometries import block, lshape
@@ -168,6 +169,8 @@ def test_the_figures_of_the_paper_have_their_numbers():
     assert paths.FIGURES[2][1] == ("strain", "zone")
     assert {paths.FIGURES[number][0] for number in (2, 3)} == {"lshape"}
     assert {paths.FIGURES[number][0] for number in (5, 6)} == {"wrench"}
+    figure = paths.drawn(2, lshape_dual(113))
+    assert len([axes for axes in figure.axes if axes.get_xlabel() == "x"]) == 2
 
 
 def test_quotients_are_those_of_the_distances():
