@@ -66,7 +66,9 @@ NOTE = (
     "those of the same room first, tests of {study.seconds:g} s at most; 'no test executes the "
     "line' and 'no test fails' are survivors. A mutant is equivalent where nobody who uses the "
     "package can notice it; the reason stands beside it. Share: killed over all that are not "
-    "equivalent. {study.elsewhere} is judged where PETSc is, by make test-petsc, and not here."
+    "equivalent. Tests were written for survivors of this draw once they were known: faults of "
+    "another draw (--seed) are noticed less often. {study.elsewhere} is judged where PETSc is, by "
+    "make test-petsc, and not here."
 )
 
 
