@@ -98,9 +98,9 @@ def test_a_function_that_is_set_again_leaves_its_copy():
 
 
 def test_sealed_parts_are_refused():
-    with pytest.raises(ValueError, match="load has a Parameter in a part"):
+    with pytest.raises(ValueError, match="load has a Parameter inside a part"):
         with_numbers("load", CacheCF(Parameter(1.0) * x))
-    with pytest.raises(ValueError, match="gap has a GridFunction in a part"):
+    with pytest.raises(ValueError, match="gap has a GridFunction inside a part"):
         Problem(SQUARE, STEEL, contact="contact", gap=CacheCF(function(SQUARE)))
 
 
