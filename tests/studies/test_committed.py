@@ -37,7 +37,6 @@ EARLIER = {
     "foreign",
     "large",
     "locking",
-    "mutants",
     "processes",
     "step42",
     "table2",
