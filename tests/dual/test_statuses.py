@@ -260,7 +260,7 @@ def test_tolerance_below_rounding_is_named_and_the_message_quotes_the_true_resid
     assert result.status is Status.STAGNATED
     assert 1e-12 < result.residual_norm < 1e-7
     assert f"the residual is {result.residual_norm:.3g}" in result.message
-    assert "ask for a tolerance above" in result.message
+    assert "choose a tolerance above" in result.message
 
 
 # Paths and load histories pass statuses on
