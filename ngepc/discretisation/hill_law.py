@@ -1,4 +1,7 @@
-"""Hill's ellipsoid at the points: (s . A s)^(1/2) <= beta(g), with linear kinematic hardening.
+"""Hill's ellipsoid at the points: (s . A s)^(1/2) <= beta(g), with kinematic hardening k.
+
+Isotropic hardening enlarges the ellipsoid by g: beta(g) gains (H sigma_y)^2 k_1 g, which is no part
+of the modulus h = k here, and the law of hardening and of the rate.
 
 The plastic strain is p = g A n with n . A n = 1, and g = (p . A^-1 p)^(1/2).  With r = beta(g)
 
@@ -42,7 +45,11 @@ class HillLaw(Law):
 
     def __init__(self, problem: ProblemData, points: Points) -> None:
         super().__init__(problem, points)
-        self.form = problem.material.hill.form(points.kinematics.basis, points.at)
+        material = problem.material
+        self.hardening = points.at(material.hardening)
+        grows = points.at(material.isotropic_hardening)
+        self.resistance = replace(self.resistance, linear=grows)
+        self.form = material.hill.form(points.kinematics.basis, points.at)
         self._values, self._vectors = np.linalg.eigh(self.form)
 
     def _stretched(self, modulus: np.ndarray, gained: np.ndarray) -> np.ndarray:

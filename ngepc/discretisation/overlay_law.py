@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -123,13 +123,11 @@ class OverlayLaw(Law):
     def _filled(self, at: Return, modulus: np.ndarray) -> Return:
         return at
 
-    def with_sides(self, at: OverlayReturn, yields: np.ndarray) -> OverlayReturn:
-        """See ``Law``: the sub-elements at a point that are close to yielding follow."""
-        sides = []
-        for part, one in zip(self.parts, at.parts, strict=True):
-            close = part.close_to_yielding(one, ROUNDING)
-            sides.append(part.with_sides(one, np.where(close, yields, one.yields)))
-        return replace(at, yields=yields, parts=tuple(sides))
+    def with_sides(self, at: OverlayReturn, *yields: np.ndarray) -> OverlayReturn:
+        """See ``Law``: the plastic points of each sub-element."""
+        each = zip(self.parts, at.parts, yields, strict=True)
+        parts = tuple(part.with_sides(one, sides) for part, one, sides in each)
+        return self._summed(at.volume, at.deviator, parts)
 
     def yielding_part(self, at: OverlayReturn) -> np.ndarray:
         """See ``Law``: those of the sub-elements, (points, n d)."""

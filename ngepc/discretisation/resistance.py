@@ -42,6 +42,8 @@ class Resistance:
         The law of the rate with its data at the points; None without.
     duration
         The length of the time step (time), for the rate.
+    linear
+        Slope of linear isotropic hardening that is not part of the modulus h (stress).
     """
 
     beta: np.ndarray
@@ -49,11 +51,13 @@ class Resistance:
     accumulated: np.ndarray
     rate: RateLaw | None = None
     duration: float | None = None
+    linear: np.ndarray | float = 0.0
 
     @property
     def is_constant(self) -> bool:
         """Whether beta(g) = beta(0)."""
-        return self.isotropic is None and self.rate is None
+        without = self.isotropic is None and self.rate is None
+        return without and not np.any(self.linear)
 
     def of(self, points: np.ndarray | slice) -> Resistance:
         """The same at some of the points."""
@@ -68,15 +72,20 @@ class Resistance:
             isotropic=None if self.isotropic is None else self.isotropic.at(there),
             accumulated=self.accumulated[points],
             rate=None if self.rate is None else self.rate.at(there),
+            linear=there(self.linear),
         )
 
     def with_law(self, isotropic: HardeningLaw | None) -> Resistance:
         """The same with other data of the law, beta(0) kept."""
         return replace(self, isotropic=isotropic)
 
+    def with_rate(self, rate: RateLaw | None) -> Resistance:
+        """The same with other data of the rate."""
+        return replace(self, rate=rate)
+
     def bound(self, gained: np.ndarray) -> np.ndarray:
         """beta(g) for |p| = g (stress), shape (points,)."""
-        bound = self.beta
+        bound = self.beta + self.linear * gained
         if self.isotropic is not None:
             before = self.isotropic.stress(self.accumulated)
             after = self.isotropic.stress(self.accumulated + PEEQ * gained)
@@ -87,7 +96,7 @@ class Resistance:
 
     def slope(self, gained: np.ndarray) -> np.ndarray:
         """beta'(g) >= 0 (stress), shape (points,)."""
-        slope = np.zeros_like(gained)
+        slope = self.linear + np.zeros_like(gained)
         if self.isotropic is not None:
             x = self.accumulated + PEEQ * gained
             slope = slope + PEEQ**2 * self.isotropic.slope(x)
@@ -121,7 +130,7 @@ class Resistance:
 
     def hardened(self, gained: np.ndarray) -> np.ndarray:
         """The part of ``energy`` beyond beta(0) g (energy per volume), shape (points,)."""
-        energy = np.zeros_like(gained)
+        energy = 0.5 * self.linear * gained**2
         more = PEEQ * gained
         law = self.isotropic
         if law is not None:
@@ -137,12 +146,14 @@ class Resistance:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of beta' between two g from below and above (stress), shapes (points,)."""
         if self.isotropic is None:
-            return np.zeros_like(fewest), np.zeros_like(fewest)
+            linear = self.linear + np.zeros_like(fewest)
+            return linear, linear
         first = self.accumulated + PEEQ * fewest
         last = self.accumulated + PEEQ * most
         least, largest = self.isotropic.slopes(first, last)
         zero = np.zeros_like(first)
-        return zero + PEEQ**2 * least, zero + PEEQ**2 * largest
+        more = self.linear + zero
+        return more + PEEQ**2 * least, more + PEEQ**2 * largest
 
     def gained_at(self, size: np.ndarray, modulus: np.ndarray) -> np.ndarray:
         """The g >= 0 with modulus g + beta(g) = size, 0 where size <= beta, inf for none (points,).

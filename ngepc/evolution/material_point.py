@@ -214,7 +214,9 @@ class _Point:
         law = self.law
         stress, _, at = self.stress(e)
         own = law.own_memory(at)
-        self.memory = self.memory.after(self.material, at.plastic_strain, own)
+        self.memory = self.memory.after(
+            self.material, at.plastic_strain, own, at.gained
+        )
         arrays = self.memory.arrays
         peeq = float(arrays["accumulated"][0])
         alpha_1 = float(arrays["hardening_variable"][0])

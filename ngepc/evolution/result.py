@@ -74,25 +74,28 @@ class Memory:
         points = self.functions.points
         problem = step.problem
         p = points.at(step.fields.plastic_increment)
-        if "parts" not in self.arrays:
-            return self.after(problem.material, p)
+        material = problem.material
+        if material.overlay is None and material.hill is None:
+            return self.after(material, p)
         law = law_of(problem, points)
         u = nodal(step.fields.displacement.vec.FV().NumPy(), problem)
         at = law.returned(*law.beyond_initial(*points.strain(u)))
-        return self.after(problem.material, p, law.own_memory(at))
+        return self.after(material, p, law.own_memory(at), at.gained)
 
     def after(
         self,
         material: Material,
         p: np.ndarray,
         own: Mapping[str, np.ndarray] | None = None,
+        size: np.ndarray | None = None,
     ) -> Memory:
         """p_0 + p, alpha_2 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step.
 
-        ``own`` are additional history variables of the law.
+        ``own`` are additional history variables of the law, ``size`` is what takes the place of
+        |p| (points,), for a yield surface that is no sphere.
         """
         at = self.functions.points.at
-        size = np.linalg.norm(p, axis=1)
+        size = np.linalg.norm(p, axis=1) if size is None else size
         gained = {
             "plastic_strain": p,
             "back_stress": at(material.hardening)[:, None] * p,

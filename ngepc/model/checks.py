@@ -204,21 +204,13 @@ def check_material(problem: ProblemData) -> None:
 
 
 def check_hill(problem: ProblemData) -> None:
-    """Anisotropic yield with kinematic hardening alone, of a body in three dimensions."""
+    """Anisotropic yield, of a body in three dimensions."""
     material = problem.material
     if problem.kinematics is TWO_DIMENSIONAL:
         raise ValueError(
             f'kinematics="two-dimensional" with hill={material.hill!r}: '
             "another kinematics is needed, the ellipsoid has three axes"
         )
-    grows = sample(as_scalar(material.hardening_modulus), problem.mesh).any()
-    if grows or material.law is not None:
-        raise ValueError(
-            f"hill={material.hill!r} with isotropic hardening: "
-            "kinematic hardening alone is needed"
-        )
-    if material.rate is not None:
-        raise ValueError(f"hill={material.hill!r} with a rate: leave one of them out")
     for name in ("F", "G", "H", "L", "M", "N", "angle"):
         require_field(f"hill.{name}", getattr(material.hill, name), problem.mesh)
     basis = problem.kinematics.basis

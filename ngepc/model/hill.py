@@ -94,12 +94,34 @@ class Hill(Declared):
             angle=angle,
         )
 
-    def measure(self, s: CoefficientFunction) -> CoefficientFunction:
-        """(2/3)^(1/2) S of a stress tensor, scalar (stress): |dev s| for von Mises."""
+    def _in_axes(self, s: CoefficientFunction) -> CoefficientFunction:
+        """A tensor in the axes of the material."""
         cosine = cos(self.angle)
         sine = sin(self.angle)
         turned = CF((cosine, -sine, 0, sine, cosine, 0, 0, 0, 1), dims=(3, 3))
-        own = turned.trans * s * turned
+        return turned.trans * s * turned
+
+    def dual_measure(self, p: CoefficientFunction) -> CoefficientFunction:
+        """The g of a plastic strain, scalar (1): the largest s : p for ``measure`` s <= 1.
+
+        (2/3)^(1/2) g is the equivalent plastic strain of Hill, and g = |p| for von Mises.
+        """
+        own = self._in_axes(p)
+        F = self.F
+        G = self.G
+        H = self.H
+        first = G * own[1, 1] - H * own[2, 2]
+        second = H * own[2, 2] - F * own[0, 0]
+        third = F * own[0, 0] - G * own[1, 1]
+        square = F * first**2 + G * second**2 + H * third**2
+        square = square / (F * G + G * H + H * F) ** 2
+        shear = own[1, 2] ** 2 / self.L + own[2, 0] ** 2 / self.M
+        shear = shear + own[0, 1] ** 2 / self.N
+        return sqrt(1.5 * (square + 2 * shear))
+
+    def measure(self, s: CoefficientFunction) -> CoefficientFunction:
+        """(2/3)^(1/2) S of a stress tensor, scalar (stress): |dev s| for von Mises."""
+        own = self._in_axes(s)
         square = self.F * (own[1, 1] - own[2, 2]) ** 2
         square = square + self.G * (own[2, 2] - own[0, 0]) ** 2
         square = square + self.H * (own[0, 0] - own[1, 1]) ** 2

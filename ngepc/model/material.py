@@ -75,7 +75,7 @@ class Material(Declared):
         Overstress that depends on the rate of plastic strain, such as ``Norton(...)``, or None.
         With a rate, time steps need a length, ``Problem.duration``.
     hill
-        Anisotropic yield, with kinematic hardening alone; None for von Mises.
+        Anisotropic yield; None for von Mises.  Isotropic hardening enlarges the ellipsoid.
     overlay
         Sub-elements that yield one after the other, without other hardening (``Material.cyclic``);
         ``yield_stress`` is then the bound of the first one.  None for a single yield surface.

@@ -23,7 +23,7 @@ from ngepc.linalg.blas import one_blas_thread
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.gradient import states_of, tangents_at
-from ngepc.sensitivity.law_data import OF_LAW, law_datum, with_constants
+from ngepc.sensitivity.law_data import PARTS, PartDatum, is_of_part, with_constants
 from ngepc.sensitivity.parameters import MATERIAL
 
 ILL_CONDITIONED = (
@@ -170,8 +170,8 @@ def calibrate(
     limit = require_integer("max_evaluations", max_evaluations, 1)
     names, curves = _checked(start, [curves] if isinstance(curves, Curve) else curves)
     for name in names:
-        if name.startswith(OF_LAW):
-            law_datum(problem.material.law, name)
+        if is_of_part(name):
+            PartDatum.of(problem.material, name)
 
     def fitted(logarithms: Sequence[float]) -> Problem:
         """The problem with other material constants."""
@@ -219,11 +219,9 @@ def _checked(
     require_mapping("start", start, "material constant -> first guess")
     for name, guess in start.items():
         require_text("start", name)
-        if name not in MATERIAL and not name.startswith(OF_LAW):
-            legal = ", ".join(MATERIAL)
-            raise ValueError(
-                f"start names {name!r}: one of {legal}, law.<datum> is needed"
-            )
+        if name not in MATERIAL and not is_of_part(name):
+            legal = ", ".join([*MATERIAL, *(f"{part}.<datum>" for part in PARTS)])
+            raise ValueError(f"start names {name!r}: one of {legal} is needed")
         require_number(f"start[{name!r}]", guess, 0, strict=True)
     require_sequence("curves", curves, "Curve objects")
     for number, curve in enumerate(curves):

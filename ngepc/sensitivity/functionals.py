@@ -16,10 +16,17 @@ from ngsolve.comp import SumOfIntegrals
 from ngepc.checks.arguments import boundary_names, require_integer, require_vector
 from ngepc.checks.declared import Check, Declared, Text, Vector
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
+from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.loads import nodal
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.equations import Data, equations_of_law
+from ngepc.sensitivity.equations import Data
+from ngepc.sensitivity.law_equations import (
+    YieldSurface,
+    equations_of_law,
+    form_slope,
+    yield_surfaces_of,
+)
 from ngepc.sensitivity.parameters import on_moving_mesh
 
 
@@ -44,27 +51,18 @@ def _primal_energy(state: State) -> Slope:
     p is best for u, so that J depends on u and on the data.
     """
     law = state.discrete.law
-    at = state.at
     weights = state.discrete.points.weights
-    mean, stress = law.stress(at)
-    elastic = stress / law.two_mu[:, None]
-    p = at.plastic_strain
+    mean, stress = law.stress(state.at)
     contact = LinearContact(state)
     still = np.zeros(len(state.multipliers))
     slid = -(contact.along * contact.law.split(state.gaps)[1]).sum(axis=1)
     slip = np.where(contact.slips, np.maximum(slid, 0.0), 0.0)
     bound = np.where(contact.slips, contact.bound, 0.0)
     dragged = state.discrete.contact.forces(contact.stacked(still, bound))
-    by = weights * Data(
-        two_mu=0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1)),
-        bulk=0.5 * state.volume**2,
-        hardening=0.5 * np.einsum("pd,pd->p", p, p),
-        hardened=np.ones(len(weights)),
-        back=p,
-        initial=-law.two_mu[:, None] * (elastic + law.initial),
-        volume=mean,
-        strain=stress,
-    )
+    density = Data(bulk=0.5 * state.volume**2, volume=mean, strain=stress)
+    for surface in yield_surfaces_of(state):
+        density += _stored(surface)
+    by = weights * density
     by += Data(
         u=state.discrete.supports.pull(state.u) - state.discrete.load + dragged,
         contact=contact.stacked(contact.coefficient * slip, still),
@@ -74,6 +72,21 @@ def _primal_energy(state: State) -> Slope:
         coefficient=np.where(contact.grows, state.multipliers * slip, 0.0),
     )
     return Slope(state.energy, by)
+
+
+def _stored(surface: YieldSurface) -> Data:
+    """The derivatives of the energy of a yield surface by its data, at the best p."""
+    law, at, _ = surface
+    named = surface.named
+    elastic = law.stress(at)[1] / law.two_mu[:, None]
+    p = at.plastic_strain
+    by = Data(hardening=0.5 * np.einsum("pd,pd->p", p, p), back=p)
+    by[named("two_mu")] = 0.5 * ((elastic**2).sum(1) - (law.initial**2).sum(1))
+    by[named("hardened")] = np.ones(len(p))
+    by[named("initial")] = -law.two_mu[:, None] * (elastic + law.initial)
+    if isinstance(law, HillLaw):
+        by["form"] = at.radius[:, None, None] * form_slope(surface)
+    return by
 
 
 def _elastic_energy(state: State) -> Slope:
@@ -91,11 +104,15 @@ def _elastic_energy(state: State) -> Slope:
 
 def _dissipation(state: State) -> Slope:
     """Int beta |p| with the yield bound at the beginning of the step (force times length)."""
-    beta = state.discrete.law.beta
-    at = state.at
     points = state.discrete.points
-    by = Data(gained=beta, beta=at.gained)
-    return Slope(points.integral(beta * at.gained), points.weights * by)
+    by = Data()
+    for surface in yield_surfaces_of(state):
+        bound = surface.law.beta
+        gained = surface.at.gained
+        by[surface.named("gained")] = bound
+        by[surface.named("beta")] = gained
+    lost = state.discrete.law.lost(state.at)
+    return Slope(points.integral(lost), points.weights * by)
 
 
 _NAMED = (_contact_force, _primal_energy, _elastic_energy, _dissipation)

@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.arguments import Coefficient, require_integer, require_number
 from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.discretisation.loads import nodal
 from ngepc.evolution.result import Evolution, EvolutionStep
@@ -34,13 +34,23 @@ from ngepc.model.features import (
     ELEMENT_FEATURES,
     HISTORY_FEATURES,
     KINEMATICS_FEATURES,
+    LAW_FEATURES,
     SUPPORT_FEATURES,
     require_covered,
 )
+from ngepc.model.material import Material
 from ngepc.model.problem import Problem
-from ngepc.sensitivity.contact import Biactive, LinearContact, biactive_set, told
+from ngepc.sensitivity.contact import (
+    BIACTIVE,
+    Biactive,
+    LinearContact,
+    biactive_set,
+    told,
+)
 from ngepc.sensitivity.equations import INHERITED, Data
 from ngepc.sensitivity.functionals import Form, Functional, as_functional, slope_by_mesh
+from ngepc.sensitivity.law_data import PARTS
+from ngepc.sensitivity.law_equations import YieldSurface, yield_surfaces_of
 from ngepc.sensitivity.linear import LinearStep, TangentError
 from ngepc.sensitivity.parameters import (
     MATERIAL,
@@ -57,7 +67,8 @@ COVERS = (
     | CONTACT_FEATURES
     | SUPPORT_FEATURES
     | (KINEMATICS_FEATURES - {"other kinematics"})
-    | {"anisotropic yield", "hardening law", "initial strain"}
+    | LAW_FEATURES
+    | {"anisotropic yield", "cyclic hardening"}
 )
 """Features that derivatives cover."""
 
@@ -203,21 +214,27 @@ def require_one_material(result: Evolution) -> None:
     """Refuse a history whose material changes, as the derivative would be ambiguous."""
     at = result.memory.functions.points.at
     given = result.problem.material
+    expected = [at(one) for one in _data_of(given)]
     for number, step in enumerate(result.steps, start=1):
         material = step.problem.material
-        law = material.law
-        same = all(
-            np.array_equal(at(getattr(material, name)), at(getattr(given, name)))
-            for name in MATERIAL
-        )
-        if law is not None:
-            data = zip(law.data, given.law.data, strict=True)
-            same &= all(np.array_equal(at(one), at(other)) for one, other in data)
-        if not same:
+        found = [at(one) for one in _data_of(material)]
+        pairs = zip(found, expected, strict=False)
+        same = len(found) == len(expected)
+        if not (same and all(np.array_equal(*pair) for pair in pairs)):
             raise ValueError(
                 f"the material of step {number} is {material!r}: derivatives need one material "
                 f"for the whole history, here {given!r}"
             )
+
+
+def _data_of(material: Material) -> list[Coefficient]:
+    """All numbers and coefficients of a material and of its parts."""
+    found = [getattr(material, name) for name in MATERIAL]
+    for name in PARTS:
+        part = getattr(material, name)
+        for value in [] if part is None else vars(part).values():
+            found += value if isinstance(value, tuple) else (value,)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,20 +348,33 @@ def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> Tangen
         change = LinearStep(state, contact).forward(data)
         found = TangentResult(state, contact, change, biactive)
         chosen = _chosen_rows(found)
-        yields = state.at.yields.copy()
-        pushed = np.einsum("pd,pd->p", state.at.direction, change["trial"])
-        over = pushed - change["radius"]
-        size = np.abs(state.discrete.law.two_mu[:, None] * change["strain"]).max()
-        kept = np.where(np.abs(over) <= NEUTRAL * size, yields, over > 0)
-        yields[biactive[-1].points] = kept[biactive[-1].points]
-        if chosen.same_sides(contact) and (yields == state.at.yields).all():
+        surfaces = yield_surfaces_of(state)
+        sides = [_chosen_sides(surface, change) for surface in surfaces]
+        kept = zip(sides, surfaces, strict=True)
+        same = all((side == surface.at.yields).all() for side, surface in kept)
+        if same and chosen.same_sides(contact):
             return found
         contact = chosen
-        at = state.discrete.law.with_sides(state.at, yields)
+        at = state.discrete.law.with_sides(state.at, *sides)
         state = replace(state, at=at)
     raise TangentError(
         f"the active set of the one-sided derivative was not found: {found.message}"
     )
+
+
+def _chosen_sides(surface: YieldSurface, change: Data) -> np.ndarray:
+    """Which points yield under the change: biactive points may change their side."""
+    law, at, _ = surface
+    named = surface.named
+    pushed = np.einsum("pd,pd->p", at.direction, change[named("trial")])
+    if "form" in change:
+        normal = at.normal
+        turned = np.einsum("pij,pi,pj->p", change["form"], normal, normal)
+        pushed = pushed + 0.5 * at.size * turned
+    over = pushed - change[named("radius")]
+    size = np.abs(law.two_mu[:, None] * change["strain"]).max()
+    kept = np.where(np.abs(over) <= NEUTRAL * size, at.yields, over > 0)
+    return np.where(law.close_to_yielding(at, BIACTIVE), kept, at.yields)
 
 
 def _chosen_rows(found: TangentResult) -> LinearContact:

@@ -1,61 +1,77 @@
-"""The data of a law of hardening as parameters: "law.saturation", "law.stress_there[1]".
+"""The data of a part of the material as parameters: "law.saturation", "overlay.bounds[1]".
 
-A law is a formula for R(x) with some data.  The derivatives of beta(g) and its integral with
-respect to these data, at the |p| of a solution, are difference quotients of the formula.
-No solution is differenced, and a user's law needs nothing but its formulas.
+A part is the law of hardening, that of the rate, Hill's ellipsoid, or the sub-elements of an
+overlay.  A law is a formula with some data.  The derivatives of beta(g) and its integral with
+respect to these data, at the |p| of a solution, and those of Hill's form, are difference quotients
+of the formula.  No solution is differenced, and a user's law needs nothing but its formulas.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import is_number, require_coefficient, sample
+from ngepc.discretisation.resistance import Resistance
 from ngepc.local.system import State
 from ngepc.model.data import as_scalar
-from ngepc.model.hardening import HardeningLaw
 from ngepc.model.material import PEEQ, Material
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.equations import STENCIL, Data
 
-OF_LAW = "law."  # before the name of a datum of the law of hardening
+PARTS = ("law", "rate", "hill", "overlay")
+"""Fields of a material that have data of their own."""
+
 STEP = 1e-3  # of differences in a datum of a law, relative to its size
 
 
-def law_datum(law: HardeningLaw | None, name: str) -> tuple[str, int | None, object]:
-    """The field of a law that "law.field" or "law.field[k]" names, k or None, and its value.
-
-    ValueError if the law has no such datum.
-    """
-    if law is None:
-        raise ValueError(f"parameters={name!r}: the material has no law")
-    field, _, rest = name.removeprefix(OF_LAW).partition("[")
-    if field not in vars(law):
-        legal = ", ".join(f"{OF_LAW}{known}" for known in vars(law))
-        raise ValueError(f"parameters={name!r}: one of {legal} is needed")
-    value = getattr(law, field)
-    if not rest:
-        return field, None, value
-    several = isinstance(value, tuple)
-    number = rest.removesuffix("]")
-    if not (several and number.isdigit() and int(number) < len(value)):
-        count = len(value) if several else "no"
-        raise ValueError(f"parameters={name!r}: {field} has {count} entries")
-    return field, int(number), value[int(number)]
+def is_of_part(name: str) -> bool:
+    """Whether a name is that of a datum of a part: "law.saturation"."""
+    part, dot, _ = name.partition(".")
+    return bool(dot) and part in PARTS
 
 
-def new_value(law: HardeningLaw, name: str, value: object) -> dict[str, object]:
-    """Field of a law -> its value after a change of the datum with this name."""
-    field, number, _ = law_datum(law, name)
-    if number is None:
-        return {field: value}
-    table = list(getattr(law, field))
-    table[number] = value
-    return {field: tuple(table)}
+@dataclass(frozen=True, eq=False)
+class PartDatum:
+    """A datum of a part of a material: the part's name, the field, its entry or None, its value."""
+
+    part: str
+    field: str
+    entry: int | None
+    value: object
+
+    @classmethod
+    def of(cls, material: Material, name: str) -> PartDatum:
+        """The datum with this name; ValueError if the material has none."""
+        part, _, rest = name.partition(".")
+        given = getattr(material, part)
+        if given is None:
+            raise ValueError(f"parameters={name!r}: the material has no {part}")
+        field, _, rest = rest.partition("[")
+        if field not in vars(given):
+            legal = ", ".join(f"{part}.{known}" for known in vars(given))
+            raise ValueError(f"parameters={name!r}: one of {legal} is needed")
+        value = getattr(given, field)
+        if not rest:
+            return cls(part, field, None, value)
+        several = isinstance(value, tuple)
+        number = rest.removesuffix("]")
+        if not (several and number.isdigit() and int(number) < len(value)):
+            count = len(value) if several else "no"
+            raise ValueError(f"parameters={name!r}: {field} has {count} entries")
+        return cls(part, field, int(number), value[int(number)])
+
+    def changed(self, given: object, value: object) -> dict[str, object]:
+        """Field of the part -> its value after a change of the datum."""
+        if self.entry is None:
+            return {self.field: value}
+        table = list(getattr(given, self.field))
+        table[self.entry] = value
+        return {self.field: tuple(table)}
 
 
 def follows_law(material: Material, mesh: Mesh) -> bool:
@@ -68,28 +84,34 @@ def follows_law(material: Material, mesh: Mesh) -> bool:
 
 
 def with_constants(problem: Problem, values: Mapping[str, float]) -> Problem:
-    """The problem with other data of its material and of the law of it, by name."""
-    material = problem.material
-    changes = {n: v for n, v in values.items() if not n.startswith(OF_LAW)}
-    law = material.law
-    for name in values.keys() - changes.keys():
-        law = replace(law, **new_value(law, name, values[name]))
-    if law is not material.law:
-        changes["law"] = law
-        if "yield_stress" not in values and follows_law(material, problem.mesh):
-            changes["yield_stress"] = PEEQ * law.stress(0.0)
-    return replace(problem, material=replace(material, **changes))
+    """The problem with other data of its material and of its parts, by name.
 
-
-def law_changes(state: State, name: str, change: object) -> Data:
-    """The change of beta and of its integral per unit of a change of a datum of the law.
-
-    TypeError, ValueError if the law has no such datum, or the change is not legal for it.
+    The yield stress follows the law of hardening, where it is that of the law, and the first bound
+    of an overlay.
     """
-    problem = state.discrete.problem
-    points = state.discrete.points
     material = problem.material
-    _, _, value = law_datum(material.law, name)
+    changes = {n: v for n, v in values.items() if not is_of_part(n)}
+    parts: dict[str, object] = {}
+    for name in values.keys() - changes.keys():
+        datum = PartDatum.of(material, name)
+        part = parts.get(datum.part, getattr(material, datum.part))
+        parts[datum.part] = replace(part, **datum.changed(part, values[name]))
+    if "yield_stress" not in values:
+        if "law" in parts and follows_law(material, problem.mesh):
+            changes["yield_stress"] = PEEQ * parts["law"].stress(0.0)
+        if "overlay" in parts:
+            changes["yield_stress"] = parts["overlay"].bounds[0]
+    return replace(problem, material=replace(material, **changes, **parts))
+
+
+def part_changes(state: State, name: str, change: object) -> Data:
+    """The change of the data of the law at the points per unit of a change of a datum of a part.
+
+    TypeError, ValueError if the part has no such datum, or the change is not legal for it.
+    """
+    points = state.discrete.points
+    datum = PartDatum.of(state.discrete.problem.material, name)
+    value = datum.value
     if change is None:
         change = 1.0 if is_number(value) else value
     several = isinstance(value, tuple)
@@ -99,31 +121,99 @@ def law_changes(state: State, name: str, change: object) -> Data:
         raise ValueError(f"change={change!r}: {len(values)} values are needed")
     for one in changes:
         require_coefficient(name, one)
+    if datum.part == "overlay":
+        return _overlay_changes(state, name, datum, changes)
+
     given = [points.at(one) for one in values]
     moved = [points.at(one) for one in changes]
     largest = max(np.abs(one).max() for one in moved)
     if largest == 0.0:
         return Data()
     step = STEP * (max(np.abs(one).max() for one in given) or 1.0) / largest
+    data = _FORMULAS[datum.part](state)
+    there = getattr(state.discrete.problem.material, datum.part)
+    if datum.part != "hill":
+        there = there.at(points.at)
+    found = Data()
+    for k, weight in STENCIL.items():
+        shifted = [v + k * step * c for v, c in zip(given, moved, strict=True)]
+        part = copy(there)
+        moved_value = tuple(shifted) if several else shifted[0]
+        vars(part).update(datum.changed(part, moved_value))
+        found += weight / step * data(part)
+    return found
 
-    there = material.law.at(points.at)
+
+def _by_resistance(state: State, other: Resistance, more: Data) -> Data:
+    """beta(g) and its integral at the g of the solution, by other data."""
+    gained = state.at.gained
+    return more + Data(radius=other.bound(gained), hardened=other.energy(gained))
+
+
+def _of_law(state: State) -> Callable[[object], Data]:
+    """The data at the points by the law of hardening."""
+    problem = state.discrete.problem
+    points = state.discrete.points
+    material = problem.material
     follows = follows_law(material, problem.mesh)
     alpha_1 = points.at(problem.alpha_0[0])
     hardened = 1 + points.at(as_scalar(material.hardening_modulus)) * alpha_1
     resistance = state.discrete.law.resistance
-    gained = state.at.gained
-    found = Data()
-    for k, weight in STENCIL.items():
-        shifted = [v + k * step * c for v, c in zip(given, moved, strict=True)]
-        law = copy(there)
-        vars(law).update(
-            new_value(law, name, tuple(shifted) if several else shifted[0])
-        )
+
+    def data(law: object) -> Data:
+        """Those of another law."""
         beta = PEEQ * (law.stress(resistance.accumulated) - law.stress(0.0))
         if follows:
             beta = beta + PEEQ * law.stress(0.0) * hardened
-        other = resistance.with_law(law)
-        bound = other.bound(gained)
-        energy = other.energy(gained)
-        found += weight / step * Data(beta=beta, radius=bound, hardened=energy)
+        return _by_resistance(state, resistance.with_law(law), Data(beta=beta))
+
+    return data
+
+
+def _of_rate(state: State) -> Callable[[object], Data]:
+    """The data at the points by the law of the rate."""
+    resistance = state.discrete.law.resistance
+    return lambda rate: _by_resistance(state, resistance.with_rate(rate), Data())
+
+
+def _of_hill(state: State) -> Callable[[object], Data]:
+    """Hill's form by its coefficients."""
+    points = state.discrete.points
+    basis = points.kinematics.basis
+
+    def there(value: object) -> np.ndarray:
+        """A datum at the points, where it is not yet."""
+        return value if isinstance(value, np.ndarray) else points.at(value)
+
+    return lambda hill: Data(form=hill.form(basis, there))
+
+
+_FORMULAS = {"law": _of_law, "rate": _of_rate, "hill": _of_hill}
+"""Name of a part -> data at the points as a function of the part, at a state."""
+
+
+def _overlay_changes(
+    state: State, name: str, datum: PartDatum, changes: list[object]
+) -> Data:
+    """The changes of shares and of bounds w_k k_k; what never yields loses what others gain."""
+    overlay = state.discrete.problem.material.overlay
+    points = state.discrete.points
+    places = range(len(changes)) if datum.entry is None else [datum.entry]
+    found = Data()
+    spare = 0.0
+    for place, change in zip(places, changes, strict=True):
+        change = points.at(change)
+        if datum.field == "bounds":
+            found[f"beta {place}"] = overlay.shares[place] * change
+            continue
+        found[f"share {place}"] = change
+        found[f"beta {place}"] = overlay.bounds[place] * change
+        spare = spare - change
+    if overlay.spare:
+        return found + Data({f"share {len(overlay.shares)}": spare + points.at(0.0)})
+    if np.any(spare):
+        raise ValueError(
+            f"parameters={name!r}: the shares have the sum 1, a change with the sum 0 is needed, "
+            'Direction("overlay.shares", (1.0, -1.0)) for example'
+        )
     return found

@@ -21,7 +21,8 @@ from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import matrix_of_rows
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.equations import Data, Tape, equations_of_law
+from ngepc.sensitivity.equations import Data, Tape
+from ngepc.sensitivity.law_equations import equations_of_law
 
 PENALTY = 1e6  # stiffness of a row's spring over that of its vertex; a refinement gains this factor
 REFINEMENTS = 12  # largest number of corrections of a solution

@@ -27,6 +27,7 @@ from ngepc.checks.arguments import (
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.discretisation.conditions import at_rows, roller_rows
+from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.rows import contact_rows
 from ngepc.evolution.load_path import scaled
@@ -38,13 +39,12 @@ from ngepc.model.places import Coulomb, places
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.equations import STENCIL as STENCIL
 from ngepc.sensitivity.equations import Data
-from ngepc.sensitivity.law_data import OF_LAW, law_changes
+from ngepc.sensitivity.law_data import PARTS, is_of_part, part_changes
 
-MATERIAL = tuple(
-    field.name
-    for field in fields(Material)
-    if field.name not in ("law", "rate", "hill", "overlay")
-)
+MATERIAL = tuple(field.name for field in fields(Material) if field.name not in PARTS)
+OF_OVERLAY = ("lame_lambda", "lame_mu")
+"""Data of a material with sub-elements beside those of ``Overlay``."""
+
 LOADS = ("traction", "pressure", "body_force")
 BY_BOUNDARY = (
     "traction",
@@ -77,8 +77,10 @@ class Direction(Declared):
         A material constant such as "lame_mu", or "traction", "pressure", "body_force", "gap",
         "prescribed", "friction" (the bound, or Coulomb's coefficient), "initial_plastic_strain",
         "initial_strain".  "law.saturation" is the datum ``saturation`` of the law of hardening,
-        "law.stress_there[1]" one value of a table.  A yield stress of the material that is that of
-        the law, as ``Material.with_law`` has it, changes with the law.
+        "law.stress_there[1]" one value of a table; "rate.overstress", "hill.N",
+        "overlay.bounds[0]" are those of the other parts of a material.  A yield stress of the
+        material that is that of the law, as ``Material.with_law`` has it, changes with the law.
+        If the share of a sub-element grows, that of what never yields falls.
         After a colon one boundary: "traction:left", "prescribed:top".  A clamped boundary is a
         prescribed one here.  "shape" moves the vertices by ``change``, a vector, while nobody else
         uses the mesh.
@@ -118,8 +120,9 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
     for name, direction in parameters.items():
         require_instance(f"parameters[{name!r}]", direction, Direction, "a Direction")
         datum, _, boundary = direction.datum.partition(":")
-        if datum not in LEGAL and not datum.startswith(OF_LAW):
-            needed = f"one of {', '.join(LEGAL)}, law.<datum> is needed"
+        if datum not in LEGAL and not is_of_part(datum):
+            parts = (f"{part}.<datum>" for part in PARTS)
+            needed = f"one of {', '.join([*LEGAL, *parts])} is needed"
             raise ValueError(f"parameters={direction.datum!r}: {needed}")
         if boundary and datum not in BY_BOUNDARY:
             raise ValueError(
@@ -134,8 +137,8 @@ def changed_data(state: State, direction: Direction) -> Data:
     TypeError, ValueError if the problem has no such datum, or the change is not legal for it.
     """
     discrete, problem = state.discrete, state.discrete.problem
-    if direction.datum.startswith(OF_LAW):
-        return law_changes(state, direction.datum, direction.change)
+    if is_of_part(direction.datum):
+        return part_changes(state, direction.datum, direction.change)
     datum, change = _change(problem, direction)
     if datum in MATERIAL:
         return _material(state, datum, change)
@@ -161,7 +164,7 @@ def changed_data(state: State, direction: Direction) -> Data:
         volume, strain = state.discrete.law.initial_parts(other, discrete.points)
         return Data(volume=-volume, strain=-strain)
     if datum == "initial_plastic_strain":
-        return Data(initial=discrete.points.at(problem.kinematics.coordinates(change)))
+        return _initial_strain(state, change)
     gaps = np.zeros(len(discrete.contact))
     if datum == "prescribed":
         supports = Supports(other)
@@ -215,15 +218,32 @@ def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
     return datum, kept | change
 
 
+def _initial_strain(state: State, change: Coefficient) -> Data:
+    """The change of p_0, and of those of the sub-elements that start with it."""
+    discrete = state.discrete
+    problem = discrete.problem
+    initial = discrete.points.at(problem.kinematics.coordinates(change))
+    data = Data(initial=initial)
+    overlay = problem.material.overlay
+    if overlay is not None and problem.initial_hardening is None:
+        data["parts"] = np.tile(initial, overlay.count)
+    return data
+
+
 def _material(state: State, datum: str, change: Coefficient) -> Data:
     """By a complex step in the formulas of the material, exact to rounding."""
     problem = state.discrete.problem
+    if problem.material.overlay is not None and datum not in OF_OVERLAY:
+        legal = ", ".join([*OF_OVERLAY, "overlay.bounds[k]", "overlay.shares[k]"])
+        raise ValueError(
+            f"parameters={datum!r} with {problem.material.overlay!r}: one of {legal} is needed"
+        )
     points = state.discrete.points
     require_coefficient(datum, change)
     alpha_1, _ = split_hardening(problem.initial_hardening)
     known = (
         vars(problem.material)
-        | {"law": None, "rate": None, "hill": None}
+        | dict.fromkeys(PARTS)
         | {"alpha_1": alpha_1 or 0.0, "change": change}
     )
     known = {
@@ -233,10 +253,12 @@ def _material(state: State, datum: str, change: Coefficient) -> Data:
     known[datum] = known[datum] + COMPLEX * 1j * known["change"]
     m = copy(problem.material)
     vars(m).update({name: known[name] for name in MATERIAL}, law=None)
+    grows_by_measure = problem.material.hill is not None
     found = {
         "two_mu": 2 * m.lame_mu,
         "bulk": m.lame_lambda + 2 * m.lame_mu / problem.kinematics.size,
-        "hardening": m.effective_hardening,
+        "hardening": m.hardening if grows_by_measure else m.effective_hardening,
+        "linear": m.isotropic_hardening if grows_by_measure else 0.0,
         "beta": m.yield_bound(known["alpha_1"]),
         "kinematic": m.hardening,
         "isotropic": m.scalar_growth,
@@ -283,12 +305,16 @@ def geometry(old: State, state: State) -> Data:
     forces = points.forces(*stress) + discrete.supports.pull(old.u)
     before = old.discrete.law.resistance
     after = law.resistance
+    with_data = before.with_law(after.isotropic).with_rate(after.rate)
     names = ("two_mu", "bulk", "hardening", "back", "initial")
-    return Data({name: getattr(law, name) for name in names}) + Data(
+    more = law.own_memory()
+    if isinstance(law, HillLaw):
+        more |= {"form": law.form, "linear": after.linear}
+    return Data({name: getattr(law, name) for name in names} | more) + Data(
         beta=after.beta - before.growth * after.accumulated,
         accumulated=after.accumulated,
-        radius=before.with_law(after.isotropic).bound(old.at.gained),
-        hardened=before.with_law(after.isotropic).energy(old.at.gained),
+        radius=with_data.bound(old.at.gained),
+        hardened=with_data.energy(old.at.gained),
         kinematic=points.at(material.hardening),
         isotropic=points.at(material.scalar_growth),
         volume=state.volume,

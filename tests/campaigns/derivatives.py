@@ -12,6 +12,7 @@ from campaigns.random_data import (
     four_times,
     functionals,
     last_state,
+    law_of,
     moved,
     once,
     random_problem,
@@ -20,9 +21,10 @@ from campaigns.random_data import (
 
 from ngepc.model.places import Coulomb
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.equations import Data, equations_of_law
+from ngepc.sensitivity.equations import Data
 from ngepc.sensitivity.functionals import as_functional
 from ngepc.sensitivity.gradient import gradient, states_of
+from ngepc.sensitivity.law_equations import equations_of_law, yield_surfaces_of
 from ngepc.sensitivity.parameters import STENCIL, Direction, changed_data
 from ngepc.studies.work import Work
 
@@ -73,7 +75,10 @@ def same_sides(one, other):
     """Whether in all steps the same points yield, the same rows press and the same ones slip."""
     pairs = zip(states_of(one), states_of(other), strict=True)
     return all(
-        (a.at.yields == b.at.yields).all()
+        all(
+            (x.at.yields == y.at.yields).all()
+            for x, y in zip(yield_surfaces_of(a), yield_surfaces_of(b), strict=True)
+        )
         and LinearContact(a).same_sides(LinearContact(b))
         for a, b in ((here(), there()) for here, there in pairs)
     )
@@ -162,9 +167,7 @@ class Derivatives(Work):
             "order": problem.order,
             "friction": "none" if problem.friction is None else friction,
             "bodies": 2 if problem.contact_pairs else 1,
-            "law": type(problem.material.law).__name__
-            if problem.material.law
-            else "linear",
+            "law": law_of(problem.material),
             "steps": steps,
             "compared": len(smooth),
             "across a kink": len(found) - len(smooth),

@@ -1,7 +1,7 @@
 """Random problems that yield and touch, with all data that derivatives are taken with respect to.
 
 Plane strain, the paper's two dimensions, axisymmetric and solid, displacements of order 1 and 2,
-triangles, quadrilaterals and tetrahedra, all kinds of hardening, contact without friction, with
+triangles, quadrilaterals and tetrahedra, all laws, contact without friction, with
 Tresca's and with Coulomb's, two bodies, moved supports, initial plastic strain, load histories.
 """
 
@@ -17,13 +17,16 @@ from ngepc.geometries import block
 from ngepc.geometries.published import stacked_blocks
 from ngepc.methods.newton import semismooth_newton
 from ngepc.model.hardening import Swift, Tabulated, Voce
-from ngepc.model.kinematics import KINEMATICS, PLANE_STRESS
+from ngepc.model.hill import Hill
+from ngepc.model.kinematics import KINEMATICS, PLANE_STRESS, TWO_DIMENSIONAL
 from ngepc.model.material import PEEQ, Material
+from ngepc.model.overlay import Overlay
 from ngepc.model.places import Contact, Coulomb
 from ngepc.model.problem import Problem
+from ngepc.model.viscosity import Norton
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction, as_functional
 from ngepc.sensitivity.gradient import states_of
-from ngepc.sensitivity.law_data import with_constants
+from ngepc.sensitivity.law_data import PARTS, with_constants
 from ngepc.sensitivity.parameters import MATERIAL
 
 
@@ -55,6 +58,10 @@ def random_problem(seed):
     if seed % 3 == 1:
         material = with_random_law(material, seed)
         strain = {"initial_strain": 1e-4}
+    if seed % 3 == 2:
+        material = with_random_part(material, seed, kinematics)
+    if material.rate is not None:
+        strain["duration"] = 1.0
     return Problem(
         mesh,
         material,
@@ -90,6 +97,42 @@ def with_random_law(material, seed):
         law=drawn[(seed // 3) % 3],
         hardening=material.hardening,
     )
+
+
+def with_random_part(material, seed, kinematics):
+    """The material with a rate, sub-elements, or Hill's ellipsoid that may grow and creep.
+
+    The paper's two dimensions take the rate alone.
+    """
+    random = np.random.default_rng([seed, 2])
+    kind = (seed // 3 + seed // 15) % 5
+    rate = Norton(float(random.uniform(1, 5)), float(random.uniform(1, 6)))
+    if kind == 0 or kinematics is TWO_DIMENSIONAL:
+        return replace(material, rate=rate)
+    if kind in (1, 2):
+        shares = (0.4, 0.25, 0.15, 0.1)[: random.integers(2, 5)]
+        rises = np.cumprod(random.uniform(1.2, 2.0, len(shares))) * 1.1
+        bounds = (rises * material.yield_stress).tolist()
+        bounds[0] = float(material.yield_stress)
+        overlay = Overlay(shares, bounds)
+        return Material(
+            lame_lambda=material.lame_lambda,
+            lame_mu=material.lame_mu,
+            yield_stress=bounds[0],
+            overlay=overlay,
+        )
+    values = random.uniform(0.7, 2.5, 3).tolist()
+    hill = Hill.r_values(*values, angle=float(random.uniform(-1, 1)))
+    return replace(material, hill=hill, rate=rate if kind == 4 else None)
+
+
+def law_of(material):
+    """The name of a law for groups of problems."""
+    names = ["linear"] if material.law is None else [type(material.law).__name__]
+    for part in ("rate", "hill", "overlay"):
+        given = getattr(material, part)
+        names += [] if given is None else [type(given).__name__]
+    return ", ".join(names[1:] if names[0] == "linear" and len(names) > 1 else names)
 
 
 def table_of_steel(stress, more):
@@ -136,9 +179,9 @@ def sizes(problem):
     material = problem.material
     found = {name: float(getattr(material, name)) for name in MATERIAL}
     found = {name: value for name, value in found.items() if value}
-    if material.law is not None:
-        del found["yield_stress"]  # it follows the law
-        found |= law_data_of(material.law)
+    if material.law is not None or material.overlay is not None:
+        del found["yield_stress"]  # it follows these
+    found |= data_of_parts(material)
     if problem.initial_strain is not None:
         found["initial_strain"] = problem.initial_strain
     factors = ("traction", "body_force", "prescribed", "initial_plastic_strain")
@@ -147,14 +190,17 @@ def sizes(problem):
     return found | ({} if problem.friction is None else {"friction": 0.3})
 
 
-def law_data_of(law):
-    """The data of a law by name, with their values."""
+def data_of_parts(material):
+    """The data of the laws of a material by name, with their values."""
     found = {}
-    for field, value in vars(law).items():
-        if field == "stress_there":
-            found |= {f"law.{field}[{k}]": one for k, one in enumerate(value)}
-        elif field != "plastic_strain":
-            found[f"law.{field}"] = value
+    for part in PARTS:
+        given = getattr(material, part)
+        for field, value in [] if given is None else vars(given).items():
+            name = f"{part}.{field}"
+            if isinstance(value, tuple) and field != "plastic_strain":
+                found |= {f"{name}[{k}]": one for k, one in enumerate(value)}
+            elif field != "plastic_strain":
+                found[name] = value
     return found
 
 
@@ -162,8 +208,7 @@ def moved(problem, rates):
     """The problem with its data moved by these rates."""
     rate = defaultdict(float, rates)
     before = vars(problem.material)
-    if problem.material.law is not None:
-        before = before | law_data_of(problem.material.law)
+    before = before | data_of_parts(problem.material)
     constants = {n: before[n] + r for n, r in rates.items() if n in before}
     problem = with_constants(problem, constants)
     friction = problem.friction

@@ -31,6 +31,15 @@ def test_histories_agree_with_central_differences(seed):
     assert max(c.error for c in found) < 1e-8
 
 
+@pytest.mark.parametrize("seed", [32, 62])
+def test_histories_of_laws_with_data_of_their_own(seed):
+    """Four steps with sub-elements, and with Hill's ellipsoid and a rate."""
+    part = slice(seed % 3, None, 3)
+    found = [c for c in compared(random_problem(seed), four_times, part) if c.smooth]
+    assert len(found) >= 5
+    assert max(c.error for c in found) < 1e-7
+
+
 @pytest.fixture(scope="module")
 def cycle():
     problem = lshape_problem(lshape.paper_mesh(113))

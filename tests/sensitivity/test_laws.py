@@ -7,8 +7,12 @@ import pytest
 from ngsolve import x
 
 from ngepc import (
+    Hill,
     Material,
+    Norton,
+    Overlay,
     Problem,
+    Reaction,
     Schedule,
     Tabulated,
     Voce,
@@ -18,7 +22,9 @@ from ngepc import (
 from ngepc.geometries import block
 from ngepc.model.hardening import HardeningLaw
 from ngepc.sensitivity.calibration import Curve, calibrate
-from ngepc.sensitivity.gradient import gradient, tangent
+from ngepc.sensitivity.functionals import as_functional
+from ngepc.sensitivity.gradient import gradient, states_of, tangent
+from ngepc.sensitivity.law_data import PartDatum
 from ngepc.sensitivity.parameters import STENCIL, Direction
 
 ELASTIC = {"lame_lambda": 1e3, "lame_mu": 1e3}
@@ -170,6 +176,101 @@ def test_calibration_finds_the_data_of_a_law():
         assert found.values[name] == pytest.approx(expected, rel=1e-4)
     bound = found.problem.material.yield_stress
     assert bound == pytest.approx(np.sqrt(2 / 3) * 1.5, rel=1e-4)
+
+
+CYCLIC = Material.cyclic(
+    young=2600.0, poisson=0.3, curve=[(5e-4, 1.3), (2e-3, 2.0), (1e-2, 3.0)]
+)
+CREEPING = Material.metal(
+    young=2600.0,
+    poisson=0.3,
+    yield_stress=1.0,
+    plastic_modulus=100.0,
+    rate=Norton(2.0, 2.0),
+)
+SHEET = replace(
+    Material.metal(young=2600.0, poisson=0.3, yield_stress=1.3, plastic_modulus=100.0),
+    hill=Hill.r_values(1.8, 1.2, 2.3),
+)
+ALL_LAWS = {
+    "overlay": (CYCLIC, {"overlay.bounds[0]": 1.2, "overlay.shares[1]": 0.15}),
+    "rate": (CREEPING, {"rate.overstress": 3.0, "rate.exponent": 1.5}),
+    "hill": (SHEET, {"hill.H": 0.5}),
+}
+"""Materials, and first guesses of some of their data."""
+
+
+def pulled_to_and_fro(material):
+    """A bar by its strain, and what its support bears."""
+    bar = Problem(
+        block.structured_mesh(1, 1, simplices=True),
+        material,
+        clamped=None,
+        prescribed={"left": (0, None), "clamped": (None, 0), "right": (1e-3, None)},
+        kinematics="plane stress",
+        order=1,
+    )
+
+    def to_strain(t):
+        """A corner at t = 2."""
+        strain = 6e-3 * (t / 2 if t <= 2 else 2 - t / 2 - (t - 2) / 2)
+        return {"prescribed": {**bar.prescribed, "right": (strain, None)}}
+
+    return bar, Schedule((0.5, 1.0, 2.0, 2.5, 3.0), to_strain), Reaction("right", 0)
+
+
+def indented(material):
+    """A block under a parabola that comes down."""
+    body = replace(pressed(Voce(1.5, 1.0, 50.0)), material=material, traction=None)
+
+    def deeper(t):
+        """The depth."""
+        return {"gap": (x - 1) ** 2 / 2 - 0.05 * t}
+
+    return body, Schedule((0.2, 0.5, 0.8, 1.0), deeper), "contact_force"
+
+
+@pytest.mark.parametrize("test", [pulled_to_and_fro, indented])
+@pytest.mark.parametrize("part", ALL_LAWS)
+def test_calibration_of_all_laws(part, test):
+    """From a bar and from an indentation, the data that have made the curve are found again."""
+    material, start = ALL_LAWS[part]
+    problem, schedule, measure = test(material)
+    run = evolve(problem, schedule).raise_for_status()
+    steps = [run.times.index(time) for time in schedule.times]
+    states = states_of(run)
+    functional = as_functional(measure)
+    values = [functional.slope(states[step]()).value for step in steps]
+    found = calibrate(problem, Curve(schedule, measure, values), start)
+    assert found.converged
+    for name in start:
+        expected = start_of(material, name)
+        assert found.values[name] == pytest.approx(expected, rel=1e-3), name
+
+
+def start_of(material, name):
+    """The value of a datum of a material or of one of its parts."""
+    return PartDatum.of(material, name).value if "." in name else material.yield_stress
+
+
+def test_shares_of_a_whole_change_together():
+    """Without a rest that never yields one share alone cannot grow."""
+    overlay = Overlay((0.6, 0.4), (1.0, 5.0))
+    whole = Material(lame_lambda=1e3, lame_mu=1e3, yield_stress=1.0, overlay=overlay)
+    result = semismooth_newton(replace(indented(whole)[0]))
+    with pytest.raises(ValueError, match="the shares have the sum 1"):
+        gradient(result, "contact_force", ["overlay.shares[0]"])
+    with pytest.raises(ValueError, match="lame_mu"):
+        gradient(result, "contact_force", ["yield_stress"])
+    together = {"both": Direction("overlay.shares", (1.0, -1.0))}
+    found = gradient(result, "contact_force", together)["both"]
+
+    def force(share):
+        shares = (share, 1 - share)
+        material = replace(whole, overlay=replace(overlay, shares=shares))
+        return semismooth_newton(indented(material)[0]).contact_force
+
+    assert found == pytest.approx(difference(force, 0.6, 0.6), rel=1e-5)
 
 
 @pytest.mark.parametrize("name", ["law.nothing", "law.stress_there[7]", "law.rate[0]"])
