@@ -282,6 +282,11 @@ class Scan:
         """Parts of an edge in the lattice."""
         return parts_of_edges(self.mesh, self.kind)
 
+    @cached_property
+    def _straight(self) -> bool:
+        """Whether the Jacobian of each element is constant."""
+        return has_straight_simplices(self.mesh)
+
     def _hidden(self, numbers: np.ndarray) -> np.ndarray:
         """The elements whose lattice values no cubic function fits, beside the largest value."""
         sizes = np.zeros(len(numbers))
@@ -299,18 +304,8 @@ class Scan:
         return numbers[missed > FOLLOWED * size]
 
     def _on_lattice(self, numbers: np.ndarray) -> np.ndarray:
-        """Values on the lattice, shape (elements, points, components).
-
-        A small boundary of simplices alone is evaluated at once.
-        """
+        """Values on the lattice, shape (elements, points, components)."""
         rule = lattice_rule(self.dim, self.count)
-        shape = SIMPLICES[self.dim]
-        facets = self.mesh.GetNE(BND)
-        if self.kind == BND and facets * len(rule) <= AT_ONCE:
-            whole = self.mesh.Boundaries(".*")
-            if all(element.type == shape for element in whole.Elements()):
-                found = self.value(self.mesh.MapToAllElements({shape: rule}, whole))
-                return np.asarray(found).reshape(facets, len(rule), -1)[numbers]
         return np.stack([self._at(number, rule) for number in numbers.tolist()])
 
     def at(
@@ -393,7 +388,7 @@ class Scan:
 
     def _measure(self, number: int, rule: IntegrationRule) -> np.ndarray:
         """The size of the element by the Jacobian at the points of a rule, (points,)."""
-        if has_straight_simplices(self.mesh):
+        if self._straight:
             rule = rule_at(np.full((1, self.dim + 1), 1 / (self.dim + 1)))
         jacobian = specialcf.JacobianMatrix(self.mesh.dim, self.dim)
         J = self._at(number, rule, jacobian).reshape(-1, self.mesh.dim, self.dim)
