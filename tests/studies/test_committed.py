@@ -28,21 +28,10 @@ EARLIER = {
     "accuracy",
     "benchmarks",
     "bounds",
-    "cost",
     "counts",
     "derivatives",
-    "differentiability",
-    "duality",
-    "figure4",
-    "foreign",
     "large",
-    "locking",
     "processes",
-    "step42",
-    "table2",
-    "table3",
-    "table3_c0.01",
-    "table3_c0.3",
 }
 """Results that were made before their commit was kept: ``make results`` empties this set."""
 
