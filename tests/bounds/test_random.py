@@ -32,7 +32,7 @@ def test_the_campaign_counts_what_it_finds(tmp_path):
     work.write(work.run())
     rows = (tmp_path / "crossings.md").read_text().splitlines()[4:6]
     assert [row.split("|")[2].strip() for row in rows] == ["2", "2"]
-    assert [row.split("|")[4].strip() for row in rows] == ["0", "0"]
+    assert [row.split("|")[3].strip() for row in rows] == ["0", "0"]
 
 
 def two_materials():
