@@ -90,11 +90,18 @@ def carried_centre(
     coarse: LimitData, fine: LimitData, parents: np.ndarray, centre: np.ndarray
 ) -> np.ndarray:
     """The stress of ``centre`` on cells that lie in those which it belongs to."""
+    coordinates = centre[:-1].reshape(len(coarse.cells.nodes), coarse.cells.N + 1, -1)
+    values = carried_stress(coarse, fine, parents, coordinates)
+    return np.append(values.ravel(), centre[-1])
+
+
+def carried_stress(
+    coarse: LimitData, fine: LimitData, parents: np.ndarray, coordinates: np.ndarray
+) -> np.ndarray:
+    """Coordinates (nc, N + 1, s) at the vertices of cells that lie in those of these numbers."""
     corners = fine.cells.points[fine.cells.nodes]
     shares = barycentric(coarse.cells, parents, corners)
-    coordinates = centre[:-1].reshape(len(coarse.cells.nodes), coarse.cells.N + 1, -1)
-    values = np.einsum("tvi,tic->tvc", shares, coordinates[parents])
-    return np.append(values.ravel(), centre[-1])
+    return np.einsum("tvi,tic->tvc", shares, coordinates[parents])
 
 
 def gaps_of(

@@ -18,6 +18,7 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.limit.bisection import bisected_cells, fan_cells, split_corners
 from ngepc.limit.bracket import MeshBracket, bracket_on, carried_centre
+from ngepc.limit.data import LimitData
 from ngepc.limit.fields import (
     cell_order,
     mesh_of,
@@ -274,7 +275,8 @@ def limit_load(
     require_function("monitor", monitor, "a record", optional=True)
     check_limit_problem(problem, "a limit load")
     names = growing_names(problem, growing)
-    search = Search(problem, names)
+    shape = SHAPES[problem.kinematics.name]
+    search = Search(problem.mesh, limit_data(problem, names), shape)
     status = search.run(relative_width, max_cells, monitor)
     bounds = (search.lower * search.unit, search.upper * search.unit)
     return LimitLoad(problem, names, *bounds, status, search.records, search.last)
@@ -286,10 +288,10 @@ class Search:
     last: MeshBracket
     asked: float
 
-    def __init__(self, problem: Problem, growing: tuple[str, ...]) -> None:
-        self.shape: YieldShape = SHAPES[problem.kinematics.name]
-        self.original = limit_data(problem, growing)
-        self.mesh = problem.mesh
+    def __init__(self, mesh: Mesh, data: LimitData, shape: YieldShape) -> None:
+        self.shape = shape
+        self.original = data
+        self.mesh = mesh
         self.data, self.unit = self.original.without_units()
         self.lower = -math.inf
         self.upper = math.inf
@@ -306,9 +308,7 @@ class Search:
         self.asked = asked
         while True:
             precision = min(COARSEST, PRECISE * asked)
-            self.last, self.centre = bracket_on(
-                self.data, self.shape, self.centre, precision, FINISHED * asked
-            )
+            self.last, self.centre = self.solved(precision)
             record = self.record()
             try:
                 if monitor is not None:
@@ -323,6 +323,17 @@ class Search:
             if not self.refine(max_cells):
                 weak = self.centre is None
                 return LimitStatus.TOO_WEAK if weak else LimitStatus.MESH_LIMIT
+
+    def solved(self, precision: float) -> tuple[MeshBracket, np.ndarray | None]:
+        """Both bounds on the mesh, and the admissible point that the lower one starts from."""
+        within = FINISHED * self.asked
+        return bracket_on(self.data, self.shape, self.centre, precision, within)
+
+    def carry(self, data: LimitData, parents: np.ndarray) -> None:
+        """Go on with the data on finer cells, and with the centre there."""
+        if self.centre is not None:
+            self.centre = carried_centre(self.data, data, parents, self.centre)
+        self.data = data
 
     def record(self) -> LimitRecord:
         """Update the bounds by the last mesh."""
@@ -365,7 +376,5 @@ class Search:
             data, _ = self.original.without_units()
         if len(finer.nodes) > max_cells:
             return False
-        if self.centre is not None:
-            self.centre = carried_centre(last.data, data, parents, self.centre)
-        self.data = data
+        self.carry(data, parents)
         return True

@@ -58,8 +58,7 @@ def growing_names(problem: Problem, growing: Sequence[str] | None) -> tuple[str,
     loads = list(problem.tractions)
     if problem.body_force is not None:
         loads.append(BODY_FORCE)
-    supports = problem.single("prescribed").items()
-    moving = [name for name, given in supports if _moves(given)]
+    moving = moving_supports(problem)
     if growing is None:
         growing = loads or moving
         if not growing:
@@ -83,6 +82,12 @@ def growing_names(problem: Problem, growing: Sequence[str] | None) -> tuple[str,
             f"{asked}either forces or supports that move are needed, not both"
         )
     return tuple(growing)
+
+
+def moving_supports(problem: Problem) -> list[str]:
+    """Names of the supports with a displacement other than zero."""
+    supports = problem.single("prescribed").items()
+    return [name for name, given in supports if _moves(given)]
 
 
 def _moves(given: Sequence[Coefficient | None] | Roller) -> bool:

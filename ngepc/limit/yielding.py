@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.model.kinematics import SOLID, TWO_DIMENSIONAL
+from ngepc.model.kinematics import PLANE_STRAIN, SOLID, TWO_DIMENSIONAL
 
 SLIP = 1 / math.sqrt(2)
 """Shear yield stress over beta, the dissipation per area of a unit slip."""
@@ -30,24 +30,33 @@ class YieldShape:
 
     Parameters
     ----------
-    basis
-        The matrices B_c, shape (s, N, N).
+    tensors
+        The matrices B_c, shape (s, k, k), with k >= N; the first N rows and columns are those of
+        the plane.
     free
         How many of them are free: 1, the mean stress, or 0.
+    N
+        Space dimension.
     """
 
-    basis: np.ndarray
+    tensors: np.ndarray
     free: int
+    N: int
 
     @property
-    def N(self) -> int:
-        """Space dimension."""
-        return self.basis.shape[1]
+    def basis(self) -> np.ndarray:
+        """The matrices B_c as far as equilibrium knows them, (s, N, N)."""
+        return self.tensors[:, : self.N, : self.N]
+
+    @property
+    def reading(self) -> np.ndarray:
+        """The matrix (k k, s) with which flat tensors become coordinates."""
+        return np.linalg.pinv(self.tensors.reshape(self.size, -1))
 
     @property
     def size(self) -> int:
         """Number of coordinates s."""
-        return len(self.basis)
+        return len(self.tensors)
 
     @property
     def capped(self) -> int:
@@ -67,9 +76,11 @@ def _thin() -> np.ndarray:
     return basis
 
 
-FLAT = YieldShape(_with_mean(TWO_DIMENSIONAL.basis), 1)
-THIN = YieldShape(_thin(), 0)
-ROUND = YieldShape(_with_mean(SOLID.basis), 1)
+FLAT = YieldShape(_with_mean(TWO_DIMENSIONAL.basis), 1, 2)
+THIN = YieldShape(_thin(), 0, 2)
+ROUND = YieldShape(_with_mean(SOLID.basis), 1, 3)
+LONG = YieldShape(_with_mean(PLANE_STRAIN.basis), 1, 2)
+"""Plane strain with the deviator of sigma_zz, which loads that vary cannot choose anew each."""
 
 SHAPES = {
     "plane strain": FLAT,
@@ -78,3 +89,10 @@ SHAPES = {
     "solid": ROUND,
 }
 """Name of a kinematics -> its yield condition."""
+
+CYCLIC_SHAPES = {
+    "plane strain": LONG,
+    "two-dimensional": FLAT,
+    "plane stress": THIN,
+}
+"""The same for loads that vary."""

@@ -1,0 +1,308 @@
+"""Shakedown: the largest factor of loads that vary below which plastic flow stops, bracketed.
+
+Loads that vary within a set, in any order and as often as they like, are safe by the factor alpha
+if some residual stress keeps the elastic stresses of alpha times each load within the yield
+condition (Melan 1938); it is enough to look at the vertices of the set.  Cycles of plastic strain
+whose sum is compatible bound alpha from above (Koiter 1956).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from ngsolve import CoefficientFunction, GridFunction, Mesh
+
+from ngepc.checks.arguments import is_number, require_integer, require_number
+from ngepc.checks.kinds import require_function, require_instance
+from ngepc.limit.bracket import MeshBracket, carried_stress
+from ngepc.limit.cycles import alternating_bound, cycle_bracket_on
+from ngepc.limit.data import LimitData
+from ngepc.limit.elastic import EXACT, INITIAL_STRAIN, elastic_stress, without_loads
+from ngepc.limit.fields import mesh_of, stress_function, velocity_function
+from ngepc.limit.load import (
+    MAX_CELLS,
+    LimitRecord,
+    LimitStatus,
+    Search,
+    strongest,
+    width_of,
+)
+from ngepc.limit.reading import (
+    BODY_FORCE,
+    COVERS,
+    check_limit_problem,
+    limit_data,
+    moving_supports,
+)
+from ngepc.limit.yielding import CYCLIC_SHAPES, YieldShape
+from ngepc.model.elements import vertex_coordinates
+from ngepc.model.features import require_covered
+from ngepc.model.problem import Problem
+
+Ranges = Mapping[str, tuple[float, float]]
+"""Name of a load -> its smallest and largest factor."""
+
+Vertices = Sequence[Mapping[str, float]]
+"""For each vertex the factors of loads by name."""
+
+SHAKEDOWN_COVERS = (COVERS | {"initial strain"}) - {
+    "contact at a clamp",
+    "friction",
+    "held by contact",
+    "obstacle",
+    "solid",
+}
+"""Features of a problem that shakedown loads cover."""
+
+GUARANTEED = "The elastic stresses are exact, up to rounding: the bounds are guaranteed."
+ESTIMATED = (
+    "This is an estimate: the elastic stresses were computed on the mesh of the problem, and the"
+    " bounds are those for these stresses."
+)
+ALTERNATES = "Above the upper bound plastic strains alternate at a point."
+GROWS = "Above the upper bound plastic strains grow in each cycle, or the body collapses."
+
+
+@dataclass(frozen=True, eq=False)
+class ShakedownLoad:
+    """The result of ``shakedown_load``.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    vertices
+        Factors of the loads that vary, by name, for each vertex.
+    lower, upper
+        Below the factor ``lower`` the body shakes down, above ``upper`` it does not.
+    alternating
+        The factor above which plastic strains alternate at some point, an upper bound.
+    exact
+        Whether the elastic stresses are exact and the bounds guaranteed.
+    status
+        How the search ended.
+    records
+        One for each mesh.
+    last
+        Residual stress and mechanism of the last mesh, as arrays, in units of the extent of the
+        body and of the largest yield bound.
+    """
+
+    problem: Problem
+    vertices: tuple[Mapping[str, float], ...]
+    lower: float
+    upper: float
+    alternating: float
+    exact: bool
+    status: LimitStatus
+    records: list[LimitRecord]
+    last: MeshBracket
+
+    @property
+    def relative_width(self) -> float:
+        """(upper - lower) / lower."""
+        return width_of(self.lower, self.upper)
+
+    @property
+    def alternates(self) -> bool:
+        """Whether the upper bound is that of alternating plasticity."""
+        return self.upper == self.alternating
+
+    @property
+    def message(self) -> str:
+        """How it ended, what the bounds are worth, and what happens above them."""
+        worth = GUARANTEED if self.exact else ESTIMATED
+        if not math.isfinite(self.upper):
+            return f"{self.status.value} {worth}"
+        beyond = ALTERNATES if self.alternates else GROWS
+        return f"{self.status.value} {worth} {beyond}"
+
+    @property
+    def length(self) -> float:
+        """The extent of the body, the unit of length of ``last``."""
+        return float(np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max())
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The last mesh, on which the fields are given."""
+        return mesh_of(self.last.data, self.problem.mesh, self.length)
+
+    @cached_property
+    def residual_stress(self) -> CoefficientFunction | None:
+        """The residual stress of the lower bound, an N x N tensor on ``mesh`` (stress).
+
+        It is in equilibrium with the loads that stay.
+        """
+        if self.last.stress is None:
+            return None
+        unit = strongest(self.problem)
+        data = self.last.data
+        return stress_function(self.mesh, data, self.last.shape, self.last.stress, unit)
+
+    @cached_property
+    def mechanism(self) -> GridFunction | None:
+        """The displacement that a cycle adds, on ``mesh``, with a largest value of one.
+
+        None where strains alternate and nothing is added.
+        """
+        found = self.last.mechanism
+        if found is None or self.alternates:
+            return None
+        return velocity_function(self.mesh, self.last.data, found)
+
+    def __repr__(self) -> str:
+        bracket = f"[{self.lower:.6g}, {self.upper:.6g}]"
+        worth = "guaranteed" if self.exact else "estimate"
+        return f"<ShakedownLoad: {bracket}, {worth}, {self.status.label}>"
+
+
+def shakedown_load(
+    problem: Problem,
+    vertices: Ranges | Vertices,
+    relative_width: float = 0.01,
+    *,
+    max_cells: int = MAX_CELLS,
+    monitor: Callable[[LimitRecord], None] | None = None,
+) -> ShakedownLoad:
+    """The factor of loads that vary below which a perfectly plastic body shakes down.
+
+    The loads vary in any order within the convex hull of some vertices.  Below the factor plastic
+    flow comes to rest; above it strains alternate (fatigue) or grow in each cycle (ratchetting).
+    The bounds are guaranteed where the elastic stresses are affine on the triangles of the mesh:
+    displacements of degree two then give them exactly, which is checked.  Elsewhere the result is
+    an estimate and says so; a finer mesh of the problem has better elastic stresses.
+
+    Parameters
+    ----------
+    problem
+        Loads, supports, elasticity and strength; its mesh decides on the elastic stresses.
+        Hardening does not count.
+    vertices
+        Either the range of each load that varies, independently of the others,
+        {'top': (0, 1), 'right': (-1, 1)}, or a sequence with the factors of the loads at each
+        vertex, [{}, {'top': 1}, {'top': 1, 'initial_strain': 1}], where a missing load is zero.
+        Loads are boundaries with a traction or pressure, 'body_force', 'initial_strain', and
+        boundaries whose prescribed displacement is other than zero.  A load that no vertex names
+        stays, and the factor does not multiply it.
+    relative_width
+        (upper - lower) / lower that is wanted, > 0.
+    max_cells
+        No mesh gets more elements.
+    monitor
+        Called with the record of each mesh; raising StopIteration ends the run.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For arguments that are not legal, and problems that are not covered.
+    ImportError
+        If Clarabel, the solver of conic programs, is not installed.
+    """
+    require_instance("problem", problem, Problem, "a Problem")
+    require_number("relative_width", relative_width, 0, strict=True)
+    require_integer("max_cells", max_cells, 1)
+    require_function("monitor", monitor, "a record", optional=True)
+    require_covered(problem, "a shakedown load", SHAKEDOWN_COVERS)
+    check_limit_problem(problem.changed(initial_strain=None), "a shakedown load")
+    corners = checked_vertices(problem, vertices)
+    search = CycleSearch(problem, corners)
+    status = search.run(relative_width, max_cells, monitor)
+    return ShakedownLoad(
+        problem,
+        corners,
+        search.lower * search.unit,
+        search.upper * search.unit,
+        search.alternating * search.unit,
+        search.exact,
+        status,
+        search.records,
+        search.last,
+    )
+
+
+def checked_vertices(
+    problem: Problem, vertices: Ranges | Vertices
+) -> tuple[Mapping[str, float], ...]:
+    """The factors of each vertex; TypeError or ValueError where they are not legal."""
+    if isinstance(vertices, Mapping):
+        for name, ends in vertices.items():
+            if not isinstance(ends, tuple | list) or len(ends) != 2:
+                raise TypeError(
+                    f"vertices[{name!r}]={ends!r}: the smallest and the largest factor are needed"
+                )
+        vertices = [
+            dict(zip(vertices, corner, strict=True))
+            for corner in product(*vertices.values())
+        ]
+    if isinstance(vertices, str | bytes) or not isinstance(vertices, Sequence):
+        raise TypeError(
+            f"vertices={vertices!r}: ranges of loads, or a sequence of factors of loads, are needed"
+        )
+    legal = (
+        *problem.tractions,
+        *([BODY_FORCE] if problem.body_force is not None else []),
+        *([INITIAL_STRAIN] if problem.initial_strain is not None else []),
+        *moving_supports(problem),
+    )
+    for number, corner in enumerate(vertices):
+        if not isinstance(corner, Mapping):
+            raise TypeError(
+                f"vertices[{number}]={corner!r}: a mapping of names of loads to factors is needed"
+            )
+        for name, factor in corner.items():
+            if name not in legal:
+                raise ValueError(
+                    f"vertices[{number}]: there is no load {name!r}; one of"
+                    f" {', '.join(map(repr, legal))} is needed"
+                )
+            if not is_number(factor):
+                raise TypeError(
+                    f"vertices[{number}][{name!r}]={factor!r}: a number is needed"
+                )
+    if not any(factor != 0 for corner in vertices for factor in corner.values()):
+        raise ValueError(f"vertices={vertices!r}: a load with a factor is needed")
+    return tuple(dict(corner) for corner in vertices)
+
+
+class CycleSearch(Search):
+    """The loop over meshes for loads that vary."""
+
+    def __init__(
+        self, problem: Problem, vertices: Sequence[Mapping[str, float]]
+    ) -> None:
+        shape: YieldShape = CYCLIC_SHAPES[problem.kinematics.name]
+        names = sorted({name for corner in vertices for name in corner})
+        constant = without_loads(problem, names)
+        data = replace(limit_data(constant, ()), moves=False)
+        super().__init__(problem.mesh, data, shape)
+        loads = np.zeros((len(names), len(data.cells.nodes), 3, shape.size))
+        residual = 0.0
+        for k, name in enumerate(names):
+            loads[k], left = elastic_stress(problem, shape, name, names)
+            residual = max(residual, left)
+        factors = [[corner.get(name, 0.0) for name in names] for corner in vertices]
+        elastic = np.tensordot(np.array(factors), loads, axes=1)
+        self.exact = residual <= EXACT
+        size = float(np.abs(elastic[..., shape.free :]).max())
+        self.unit = float(data.bound.max()) / (size or 1.0)
+        self.elastic = elastic / (size or 1.0)
+        self.alternating = alternating_bound(self.data, shape, self.elastic)
+        self.upper = self.alternating
+
+    def solved(self, precision: float) -> tuple[MeshBracket, np.ndarray | None]:
+        """Both bounds on the mesh, and the admissible point that the lower one starts from."""
+        return cycle_bracket_on(
+            self.data, self.shape, self.elastic, self.centre, precision
+        )
+
+    def carry(self, data: LimitData, parents: np.ndarray) -> None:
+        """Go on with the data on finer cells, with the centre and the elastic stresses there."""
+        self.elastic = np.stack(
+            [carried_stress(self.data, data, parents, part) for part in self.elastic]
+        )
+        super().carry(data, parents)
