@@ -8,7 +8,7 @@ from pathlib import Path
 from ngepc.bounds import coverage as bounds
 from ngepc.bounds import goal_bound, goals, receipt
 from ngepc.dual import blocks
-from ngepc.limit import reading
+from ngepc.limit import reading, shakedown
 from ngepc.local import indicators, solver
 from ngepc.model import checks
 from ngepc.model.features import FEATURES
@@ -27,6 +27,7 @@ METHODS = {
     "receipt": receipt.COVERS,
     "bracket": goals.COVERS,
     "limit load": reading.COVERS,
+    "shakedown": shakedown.SHAKEDOWN_COVERS,
     "derivative": gradient.COVERS,
     "estimate": indicators.COVERS,
     "picture": sampling.COVERS,
@@ -50,6 +51,7 @@ problem has.
 - **receipt**: `write_receipt`
 - **bracket**: `contact_force_bracket`, `displacement_bracket`, `evolve(error=...)`
 - **limit load**: `limit_load`, with obstacles that touch
+- **shakedown**: `shakedown_load`
 - **derivative**: `gradient`, `tangent`, `calibrate`
 - **estimate**: `error_indicators`
 - **picture**: `plot_field`, `plot_plastic_zone`, `write_report`; **VTU**: `export_vtu`

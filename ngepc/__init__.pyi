@@ -45,6 +45,8 @@ from ngepc.limit.load import LimitLoad as LimitLoad
 from ngepc.limit.load import LimitRecord as LimitRecord
 from ngepc.limit.load import LimitStatus as LimitStatus
 from ngepc.limit.load import limit_load as limit_load
+from ngepc.limit.shakedown import ShakedownLoad as ShakedownLoad
+from ngepc.limit.shakedown import shakedown_load as shakedown_load
 from ngepc.linalg.linesearch import Armijo as Armijo
 from ngepc.local.indicators import error_indicators as error_indicators
 from ngepc.local.petsc import PETSc as PETSc

@@ -19,13 +19,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, eye, hstack, kron, vstack
 
 from ngepc.limit.bernstein import bernstein_values, parts_of, times_hats
-from ngepc.limit.bracket import (
-    UNBOUNDED,
-    MeshBracket,
-    centre_of,
-    lower_on,
-    upper_on,
-)
+from ngepc.limit.bracket import UNBOUNDED, MeshBracket, centre_of, lower_on, upper_on
 from ngepc.limit.continuous import CUTS, ContinuousVelocities, sampling
 from ngepc.limit.data import STAYS, LimitData
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
@@ -56,9 +50,7 @@ class ResidualStatics(Statics):
         Coordinates of the elastic stresses of the vertices, (J, nc, N + 1, s).
     """
 
-    def __init__(
-        self, data: LimitData, shape: YieldShape, elastic: np.ndarray
-    ) -> None:
+    def __init__(self, data: LimitData, shape: YieldShape, elastic: np.ndarray) -> None:
         self.elastic = elastic
         super().__init__(data, shape)
 
@@ -110,9 +102,7 @@ class StrainCycles(ContinuousVelocities):
         As for ``ResidualStatics``.
     """
 
-    def __init__(
-        self, data: LimitData, shape: YieldShape, elastic: np.ndarray
-    ) -> None:
+    def __init__(self, data: LimitData, shape: YieldShape, elastic: np.ndarray) -> None:
         super().__init__(data, shape, DEGREE)
         self.elastic = elastic
         self.size = np.sqrt(data.cells.volume)
@@ -279,9 +269,7 @@ def cycle_bracket_on(
     return bracket, centre
 
 
-def alternating_bound(
-    data: LimitData, shape: YieldShape, elastic: np.ndarray
-) -> float:
+def alternating_bound(data: LimitData, shape: YieldShape, elastic: np.ndarray) -> float:
     """The factor above which plastic strains alternate at some point, an upper bound.
 
     There no residual stress keeps the stresses of all vertices within the yield condition: the

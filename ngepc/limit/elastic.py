@@ -60,9 +60,9 @@ def at_rest(given: Sequence[Coefficient | None] | Roller) -> Sequence | Roller:
 
 
 def elastic_stress(
-    problem: Problem, shape: YieldShape, name: str, others: Sequence[str]
-) -> tuple[np.ndarray, float]:
-    """The elastic stress of one load, and its largest residual.
+    problem: Problem, shape: YieldShape, name: str, loads: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The elastic stress of one load, and its residuals.
 
     Parameters
     ----------
@@ -70,16 +70,16 @@ def elastic_stress(
         The problem with all loads.
     shape
         The yield condition.
-    name, others
-        The load, and the other ones.
+    name, loads
+        The load, and all loads of the problem.
 
     Returns
     -------
     tuple
-        Coordinates at the vertices of the triangles, (nc, 3, s) (stress); the largest residual of
-        equilibrium or difference from an affine function, over the largest stress.
+        Coordinates at the vertices of the triangles, (nc, 3, s) (stress); the residuals of
+        equilibrium and the differences from an affine function, a vector (stress).
     """
-    alone = without_loads(problem, [other for other in others if other != name])
+    alone = without_loads(problem, [other for other in loads if other != name])
     old = problem.material
     strong = Material.kinematic(
         lame_lambda=old.lame_lambda,
@@ -87,7 +87,9 @@ def elastic_stress(
         yield_stress=STRONG * old.lame_mu,
         hardening=old.lame_mu,
     )
-    result = semismooth_newton(alone.changed(material=strong, order=2)).raise_for_status()
+    result = semismooth_newton(
+        alone.changed(material=strong, order=2)
+    ).raise_for_status()
     data = replace(limit_data(alone, (name,)), moves=False)
     cells = data.cells
     points = problem.mesh.MapToAllElements({TRIG: SAMPLES}, VOL)
@@ -100,10 +102,9 @@ def elastic_stress(
     shares = barycentric(cells, np.arange(count), places.reshape(count, -1, 2))
     corners = np.linalg.pinv(shares) @ tensors
     coordinates = corners @ shape.reading
-    size = float(np.abs(coordinates).max()) or 1.0
-    uneven = np.abs(tensors - shares @ corners).max()
-    residual = np.abs(imbalance(data, shape, coordinates)).max()
-    return coordinates, float(max(uneven, residual)) / size
+    uneven = tensors - shares @ corners
+    residual = imbalance(data, shape, coordinates)
+    return coordinates, np.concatenate([uneven.ravel(), residual])
 
 
 def imbalance(

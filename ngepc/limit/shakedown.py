@@ -59,13 +59,17 @@ SHAKEDOWN_COVERS = (COVERS | {"initial strain"}) - {
 }
 """Features of a problem that shakedown loads cover."""
 
-GUARANTEED = "The elastic stresses are exact, up to rounding: the bounds are guaranteed."
+GUARANTEED = (
+    "The elastic stresses are exact, up to rounding: the bounds are guaranteed."
+)
 ESTIMATED = (
     "This is an estimate: the elastic stresses were computed on the mesh of the problem, and the"
     " bounds are those for these stresses."
 )
 ALTERNATES = "Above the upper bound plastic strains alternate at a point."
-GROWS = "Above the upper bound plastic strains grow in each cycle, or the body collapses."
+GROWS = (
+    "Above the upper bound plastic strains grow in each cycle, or the body collapses."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,12 +247,7 @@ def checked_vertices(
         raise TypeError(
             f"vertices={vertices!r}: ranges of loads, or a sequence of factors of loads, are needed"
         )
-    legal = (
-        *problem.tractions,
-        *([BODY_FORCE] if problem.body_force is not None else []),
-        *([INITIAL_STRAIN] if problem.initial_strain is not None else []),
-        *moving_supports(problem),
-    )
+    legal = names_of_loads(problem)
     for number, corner in enumerate(vertices):
         if not isinstance(corner, Mapping):
             raise TypeError(
@@ -269,6 +268,15 @@ def checked_vertices(
     return tuple(dict(corner) for corner in vertices)
 
 
+def names_of_loads(problem: Problem) -> tuple[str, ...]:
+    """The names that vertices may use."""
+    names = [*problem.tractions]
+    for field in (BODY_FORCE, INITIAL_STRAIN):
+        if getattr(problem, field) is not None:
+            names.append(field)
+    return (*names, *moving_supports(problem))
+
+
 class CycleSearch(Search):
     """The loop over meshes for loads that vary."""
 
@@ -280,14 +288,14 @@ class CycleSearch(Search):
         constant = without_loads(problem, names)
         data = replace(limit_data(constant, ()), moves=False)
         super().__init__(problem.mesh, data, shape)
-        loads = np.zeros((len(names), len(data.cells.nodes), 3, shape.size))
-        residual = 0.0
-        for k, name in enumerate(names):
-            loads[k], left = elastic_stress(problem, shape, name, names)
-            residual = max(residual, left)
-        factors = [[corner.get(name, 0.0) for name in names] for corner in vertices]
-        elastic = np.tensordot(np.array(factors), loads, axes=1)
-        self.exact = residual <= EXACT
+        loads = names_of_loads(problem)
+        found = [elastic_stress(problem, shape, name, loads) for name in names]
+        factors = np.array(
+            [[corner.get(name, 0.0) for name in names] for corner in vertices]
+        )
+        elastic = np.tensordot(factors, np.stack([a for a, _ in found]), axes=1)
+        residuals = factors @ np.stack([b for _, b in found])
+        self.exact = bool(np.abs(residuals).max() <= EXACT * np.abs(elastic).max())
         size = float(np.abs(elastic[..., shape.free :]).max())
         self.unit = float(data.bound.max()) / (size or 1.0)
         self.elastic = elastic / (size or 1.0)

@@ -90,9 +90,5 @@ SHAPES = {
 }
 """Name of a kinematics -> its yield condition."""
 
-CYCLIC_SHAPES = {
-    "plane strain": LONG,
-    "two-dimensional": FLAT,
-    "plane stress": THIN,
-}
+CYCLIC_SHAPES = {"plane strain": LONG, "two-dimensional": FLAT, "plane stress": THIN}
 """The same for loads that vary."""

@@ -242,6 +242,10 @@ USES = {
         {"body_force": (0.0, 1.0)},
         {"body_force": {"a vector coefficient"}, "traction": NOTHING},
     ),
+    "shakedown_load": Use(
+        ngepc.shakedown_load,
+        {"problem": FREE, "vertices": [{"right": 1.0}], "relative_width": 0.9},
+    ),
     "limit_load": Use(ngepc.limit_load, {"problem": FREE, "relative_width": 0.9}),
     "PyAMG": Use(PyAMG),
     "SymbolicForms": Use(SymbolicForms),

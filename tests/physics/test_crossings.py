@@ -23,11 +23,12 @@ from ngepc import (
     plot_field,
     primal_newton,
     semismooth_newton,
+    shakedown_load,
 )
 from ngepc.bounds import coverage as bounds
 from ngepc.bounds import goals
 from ngepc.dual import blocks
-from ngepc.limit import reading
+from ngepc.limit import reading, shakedown
 from ngepc.local import indicators, solver
 from ngepc.model.features import FEATURES
 from ngepc.pictures import export, sampling
@@ -140,6 +141,13 @@ def by_limit_load(feature, _):
     assert 0 < found.lower <= found.upper < 1.2 * found.lower
 
 
+def by_shakedown(feature, _):
+    """The bracket closes."""
+    problem = problem_of(feature)
+    found = shakedown_load(problem, {"right": (0, 1)}, 0.2, max_cells=1000)
+    assert 0 < found.lower <= found.upper < 1.2 * found.lower
+
+
 def by_derivative(feature, _):
     """A derivative by a modulus, beside a central difference of the witness."""
     problem = problem_of(feature)
@@ -191,6 +199,7 @@ METHODS = {
     "bound": (by_bound, bounds.COVERS),
     "bracket": (by_bracket, goals.COVERS),
     "limit load": (by_limit_load, reading.COVERS),
+    "shakedown": (by_shakedown, shakedown.SHAKEDOWN_COVERS),
     "derivative": (by_derivative, derivatives.COVERS),
     "estimate": (by_estimate, indicators.COVERS),
     "picture": (by_picture, sampling.COVERS),
@@ -210,8 +219,11 @@ def test_a_method_is_right_with_a_feature_or_refuses_it(method, feature, tmp_pat
             pytest.skip("needs processes")
         check(feature, tmp_path)
         return
-    argument, _ = problem_of(feature).features[feature]
-    named = re.escape("mesh has" if argument == "mesh" else f"{argument}=")
-    message = f"{named}.* needs |not on a mesh that 2 processes share"
+    refused = [
+        re.escape("mesh has" if argument == "mesh" else f"{argument}=")
+        for name, (argument, _) in problem_of(feature).features.items()
+        if name not in covers
+    ]
+    message = f"({'|'.join(refused)}).* needs |not on a mesh that 2 processes share"
     with pytest.raises(ValueError, match=message):
         check(feature, tmp_path)
