@@ -244,7 +244,7 @@ USES = {
     ),
     "shakedown_load": Use(
         ngepc.shakedown_load,
-        {"problem": FREE, "vertices": [{"right": 1.0}], "relative_width": 0.9},
+        {"problem": FREE, "vertices": [{"load": 1.0}], "relative_width": 0.9},
     ),
     "limit_load": Use(ngepc.limit_load, {"problem": FREE, "relative_width": 0.9}),
     "PyAMG": Use(PyAMG),
