@@ -50,7 +50,6 @@ SLOW = (
     "geometries/test_files.py",
     "geometries/test_geometries.py",
     "limit",
-    "limit/test_shakedown.py",
     "local/test_counts.py",
     "local/test_exactness.py",
     "local/test_forms.py",

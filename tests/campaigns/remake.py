@@ -7,7 +7,9 @@ finished from today's code is not run again.  ``--list`` only says what would be
 """
 
 import argparse
+import glob
 import json
+import os
 import resource
 import shlex
 import subprocess
@@ -22,6 +24,8 @@ RESULTS = HERE / "results"
 TIMES = RESULTS / "times.json"
 PETSC_PYTHON = HERE / ".venv-petsc" / "bin" / "python"
 NEED_PETSC = {"large", "processes"}
+PETSC_FOLDERS = "/usr/lib/petscdir/petsc*/*-real"
+"""Where Debian keeps PETSc, as in the Makefile."""
 
 
 def commands(folder=RESULTS):
@@ -41,6 +45,12 @@ def program(command):
     needs_petsc = NEED_PETSC & set(words) and PETSC_PYTHON.exists()
     python = str(PETSC_PYTHON) if needs_petsc else sys.executable
     return [python, "-m", *words]
+
+
+def surroundings():
+    """The environment of a command: with PETSC_DIR, which Debian's petsc4py needs."""
+    found = sorted(glob.glob(PETSC_FOLDERS))
+    return {"PETSC_DIR": found[-1], **os.environ} if found else dict(os.environ)
 
 
 def times():
@@ -94,7 +104,8 @@ def run(command):
     start = time.perf_counter()
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     try:
-        ended = subprocess.run(program(command), cwd=HERE).returncode
+        words = program(command)
+        ended = subprocess.run(words, cwd=HERE, env=surroundings()).returncode
     finally:
         now = resource.getrusage(resource.RUSAGE_CHILDREN)
         spent = now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime
