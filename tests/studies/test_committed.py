@@ -27,7 +27,6 @@ MACHINE = re.compile(
 EARLIER = {
     "accuracy",
     "benchmarks",
-    "bounds",
     "counts",
     "derivatives",
     "large",
