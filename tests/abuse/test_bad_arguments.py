@@ -364,7 +364,7 @@ def test_every_public_callable_is_here():
         "Between", "BoundedResult", "Calibration", "DualResult", "ErrorBound", "Evolution",
         "ExactResult", "Gradient", "HardeningLaw", "Kinematics", "PathResult", "PointHistory",
         "PrimalResult", "RateLaw", "SolverError", "Status", "TangentResult", "GoalBound",
-        "LimitLoad", "LimitRecord", "LimitStatus", "Verdict", "DistanceBound",
+        "LimitLoad", "LimitRecord", "LimitStatus", "ShakedownLoad", "Verdict", "DistanceBound",
     }  # fmt: skip
     rest = {n for n in ngepc.__all__ if not n.startswith("_")} - set(USES)
     assert rest == returned | STILL_UNCHECKED
