@@ -28,22 +28,26 @@ SLOW = (
     "bounds/test_goal_bound.py",
     "bounds/test_goals.py",
     "bounds/test_hidden.py",
+    "bounds/test_laws.py",
     "bounds/test_oscillation.py",
     "bounds/test_proved.py",
     "bounds/test_random.py",
     "bounds/test_receipt.py",
     "bounds/test_solid.py",
     "bounds/test_verdicts.py",
+    "bridges/test_functions.py",
     "campaigns",
     "cli",
     "contact/test_equilibria.py",
     "contact/test_floating.py",
     "contact/test_friction.py",
+    "contact/test_order_two.py",
     "contact/test_two_bodies.py",
     "discretisation/test_invariants.py",
     "dual/test_algorithms_66_68.py",
     "dual/test_duality.py",
     "dual/test_honest_convergence.py",
+    "dual/test_path.py",
     "dual/test_statuses.py",
     "dual/test_threads.py",
     "evolution",
@@ -64,6 +68,7 @@ SLOW = (
     "physics/test_convergence_rates.py",
     "physics/test_crossings.py",
     "physics/test_cycles.py",
+    "physics/test_hill.py",
     "physics/test_kinematics.py",
     "physics/test_laws.py",
     "physics/test_promises.py",
@@ -76,15 +81,17 @@ SLOW = (
     "results/test_damaged.py",
     "results/test_files.py",
     "results/test_pickling.py",
+    "results/test_recovery.py",
     "sensitivity",
     "site",
     "studies",
 )
-"""Folders and files whose tests take more than about four seconds of processor time together.
+"""Folders and files whose tests take more than some 2.5 seconds of processor time together.
 
 Those of both Newton methods, ``dual/test_newton.py`` and ``primal/test_primal.py``, are quick ones
 nevertheless.
 """
+SLOW_PLACES = {HERE / name for name in SLOW}
 
 
 def made_once(make):
@@ -119,8 +126,13 @@ def draws_solids():
         pytest.skip(str(error))
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Leave out slow files that are not wanted: to import them takes as long as to run the rest."""
+    unwanted = "not slow" in config.getoption("markexpr")
+    return True if unwanted and collection_path in SLOW_PLACES else None
+
+
 def pytest_collection_modifyitems(items):
-    slow = [HERE / name for name in SLOW]
     for item in items:
-        if any(place in (item.path, *item.path.parents) for place in slow):
+        if not SLOW_PLACES.isdisjoint((item.path, *item.path.parents)):
             item.add_marker(pytest.mark.slow)
