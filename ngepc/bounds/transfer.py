@@ -126,6 +126,7 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
         return mapped(value, on_children_of)
 
     def on_children_of(value: CoefficientFunction) -> CoefficientFunction:
+        """A coefficient by its values at the points of the children."""
         meshes = problem.mesh, mesh
         before, after = (Points(m, problem.kinematics, problem.order) for m in meshes)
         values = on_children(before.at(value), before, after, parents)
@@ -168,6 +169,7 @@ def lowered_problem(problem: Problem) -> Problem:
     points = Points(problem.mesh, problem.kinematics, 1)
 
     def constant(value: CoefficientFunction) -> CoefficientFunction:
+        """The coefficient with one value on each element."""
         return shaped_like(value, points.functions.function(points.at(value)))
 
     history = {name: mapped(getattr(problem, name), constant) for name in HISTORY}

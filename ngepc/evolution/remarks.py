@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from ngsolve import Grad
 
 from ngepc.discretisation.sampled import what_is_unseen
 from ngepc.evolution.result import EvolutionStep
 from ngepc.model.data import order_note
-from ngepc.model.elements import plastic_points
-from ngepc.results.fields import Fields
-from ngepc.results.result import SMALL_ROTATION, SMALL_STRAIN, large_motion
+from ngepc.results.fields import Fields, frobenius
+from ngepc.results.result import (
+    SMALL_ROTATION,
+    SMALL_STRAIN,
+    at_plastic_points,
+    large_motion,
+    turning,
+)
 
 
 def remarks(steps: Sequence[EvolutionStep]) -> str:
@@ -43,15 +47,8 @@ def furthest(fields: Fields) -> float:
 
 
 def strain_and_rotation(fields: Fields) -> tuple[float, float]:
-    """The largest |eps(u)| and the largest rotation (rad) at the points of plasticity."""
+    """The largest |eps(u)| and rotation (rad) at the points of plasticity."""
     problem = fields.problem
-    mesh = problem.mesh
-    rules = plastic_points(mesh, problem.order)
-    points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
-    slopes = np.asarray(Grad(fields.displacement)(points))
-    slopes = slopes.reshape(-1, problem.N, problem.N)
-    turned = slopes.swapaxes(1, 2)
-    strain = np.linalg.norm((slopes + turned) / 2, axis=(1, 2))
-    rotation = np.linalg.norm((slopes - turned) / 2, axis=(1, 2)) / np.sqrt(2)
-    maximum = problem.processes.maximum
-    return maximum(strain), maximum(rotation)
+    size = at_plastic_points(problem, frobenius(fields.strain))
+    strain = problem.processes.maximum(size)
+    return strain, turning(problem, fields.displacement)

@@ -294,15 +294,7 @@ class DiscreteSolution(Result):
     @cached_property
     def largest_rotation(self) -> float:
         """The largest rotation at the points (rad), the norm of the vector curl(u) / 2."""
-        problem = self.problem
-        mesh = problem.mesh
-        rules = plastic_points(mesh, problem.order)
-        points = mesh.MapToAllElements(rules, mesh.Materials(".*"))
-        slopes = np.asarray(Grad(self.displacement)(points))
-        slopes = slopes.reshape(-1, problem.N, problem.N)
-        skew = (slopes - slopes.swapaxes(1, 2)) / 2
-        size = np.sqrt((skew**2).sum(axis=(1, 2)) / 2)
-        return problem.processes.maximum(size)
+        return turning(self.problem, self.displacement)
 
     @property
     def contact_area(self) -> float:
@@ -372,6 +364,21 @@ class DiscreteSolution(Result):
         if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
             found.append(large_motion(strain, rotation))
         return found
+
+
+def turning(problem: Problem, u: GridFunction) -> float:
+    """The largest |curl(u)| / 2 at the points of plasticity (rad)."""
+    slopes = at_plastic_points(problem, Grad(u)).reshape(-1, problem.N, problem.N)
+    skew = (slopes - slopes.swapaxes(1, 2)) / 2
+    size = np.sqrt((skew**2).sum(axis=(1, 2)) / 2)
+    return problem.processes.maximum(size)
+
+
+def at_plastic_points(problem: Problem, value: CoefficientFunction) -> np.ndarray:
+    """A coefficient at the points of plasticity, shape (points, components)."""
+    mesh = problem.mesh
+    rules = plastic_points(mesh, problem.order)
+    return np.asarray(value(mesh.MapToAllElements(rules, mesh.Materials(".*"))))
 
 
 def large_motion(strain: float, rotation: float) -> str:

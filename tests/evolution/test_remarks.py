@@ -56,3 +56,12 @@ def test_data_known_from_samples_are_said():
     problem = pulled(body_force=(0.0, 0.1 * sin(3 * x)))
     history = evolve(problem, load_cycle(problem, [1.0], steps=1))
     assert "body_force" in history.message
+
+
+def test_strains_around_the_axis_count():
+    """u_r / r of a body of revolution is a strain, too."""
+    ring = block.structured_mesh(2, 2, size=(0.01, 0.01))
+    problem = Problem(ring, METAL, kinematics="axisymmetric", body_force=(0.0, -1.0))
+    result = semismooth_newton(problem)
+    strain, _ = strain_and_rotation(result.fields)
+    assert strain == pytest.approx(result.largest_strain, rel=1e-12)
