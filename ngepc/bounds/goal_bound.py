@@ -34,6 +34,7 @@ from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_terms import GoalTerms, terms_of
 from ngepc.bounds.integrand import Integrand, integrand_of
 from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import at_most_percent, outward
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
@@ -147,10 +148,9 @@ class GoalBound:
         return "guaranteed" if self.guaranteed else "not proved"
 
     def __str__(self) -> str:
-        return (
-            f"{self.name}: {self.lower:.6g} to {self.upper:.6g}, {self.middle:.6g} up to "
-            f"{self.percent:.2g} percent ({self.kind})"
-        )
+        ends = " to ".join(outward(self.lower, self.upper))
+        deviation = at_most_percent(self.percent / 100)
+        return f"{self.name}: {ends}, {self.middle:.6g} up to {deviation} ({self.kind})"
 
 
 @one_blas_thread

@@ -13,6 +13,7 @@ from ngepc.bounds.adaptive import BoundedResult, MeshRecord, Refinement, solve_t
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.goal_bound import GoalBound
 from ngepc.checks.arguments import require_number
+from ngepc.checks.sentences import at_most_percent, in_percent
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
@@ -154,11 +155,11 @@ def confidence(result: object) -> str:
         bound = error_bound(result)
     except (ValueError, RuntimeError) as error:
         return _estimated(result, problem, str(error))
-    percent = 100 * bound.relative
+    size = at_most_percent(bound.relative)
     if bound.guaranteed:
-        return f"Guaranteed: the energy error is at most {percent:.2g} percent."
+        return f"Guaranteed: the energy error is at most {size}."
     return (
-        f"Bound from samples of the data: the energy error is at most {percent:.2g} percent. "
+        f"Bound from samples of the data: the energy error is at most {size}. "
         f"{bound.message}"
     )
 
@@ -173,12 +174,12 @@ def _of_history(history: Any) -> str:
     except (ValueError, RuntimeError):
         return f"The last step, from the state where it starts: {confidence(last)}"
     size = math.sqrt(2 * error_bound(last).strain_energy)
-    percent = 100 * distance.value / size if size > 0 else math.inf
+    part = distance.value / size if size > 0 else math.inf
     start = (
         "Guaranteed: the" if distance.guaranteed else "Estimate, not guaranteed: the"
     )
     said = (
-        f"{start} stress after the last step is off by {percent:.2g} percent at most, in the "
+        f"{start} stress after the last step is off by {at_most_percent(part)} at most, in the "
         "energy norm, from that of the continuous problem with the same increments."
     )
     return " ".join(filter(None, [said, distance.message]))
@@ -204,9 +205,9 @@ def _estimated(result: object, problem: Problem, reason: str) -> str:
             continue
         size = abs(solved.primal_energy)
         change = abs(result.primal_energy - solved.primal_energy)
-        percent = 100 * change / size if size else 0.0
+        part = change / size if size else 0.0
         return (
-            f"Estimate by {name}, not guaranteed: the energy changes by {percent:.2g} percent. "
+            f"Estimate by {name}, not guaranteed: the energy changes by {in_percent(part)}. "
             f"No bound: {reason}"
         )
     return f"No estimate: {'; '.join(failures)}. No bound: {reason}"

@@ -18,6 +18,7 @@ import ngepc
 from ngepc.bounds import check_receipt
 from ngepc.bounds.adaptive import MeshRecord, solve_to
 from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.checks.sentences import at_most_percent, outward
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
 from ngepc.discretisation.loads import displacement_space
 from ngepc.dual.path import PathOptions, follow_path
@@ -74,8 +75,7 @@ def solve(args: argparse.Namespace) -> int:
     if bound is not None:
         record["error_bound"] = bound.relative
         record["guaranteed"] = bound.guaranteed
-        percent = 100 * bound.relative
-        error = f"at most {percent:.3g} percent, {bound.kind}"
+        error = f"at most {at_most_percent(bound.relative, 3)}, {bound.kind}"
     summarise(record, error, args.json, args.quiet)
     written = []
     how = "use --save FILE to be able to resume"
@@ -158,9 +158,10 @@ def _refined(args: argparse.Namespace, problem: Problem) -> tuple[Result, ErrorB
     def note(mesh: MeshRecord) -> None:
         """Report a mesh: nodes, steps, and the error or the interval of the goal."""
         size = f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps"
-        found = f"energy error at most {100 * mesh.relative:.3g} percent"
+        found = f"energy error at most {at_most_percent(mesh.relative, 3)}"
         if args.goal is not None:
-            found = f"{args.goal} between {mesh.lower:.6g} and {mesh.upper:.6g}"
+            ends = " and ".join(outward(mesh.lower, mesh.upper))
+            found = f"{args.goal} between {ends}"
         report(f"{size}: {found}")
 
     if args.goal is None:
@@ -200,8 +201,8 @@ def limit(args: argparse.Namespace) -> int:
 
     def note(mesh: LimitRecord) -> None:
         """Report a mesh: elements and the bounds of the load factor."""
-        width = f"{100 * mesh.relative_width:.3g} percent"
-        bounds = f"{mesh.lower:.6g} to {mesh.upper:.6g}"
+        width = at_most_percent(mesh.relative_width, 3)
+        bounds = " to ".join(outward(mesh.lower, mesh.upper))
         report(f"{mesh.cells:6d} elements: {bounds}, {width}")
 
     found = limit_load(

@@ -16,6 +16,7 @@ from ngepc.bounds.simplices import Simplices, marked
 from ngepc.bounds.transfer import bisected
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.checks.sentences import outward
 from ngepc.limit.bisection import bisected_cells, fan_cells, split_corners
 from ngepc.limit.bracket import MeshBracket, bracket_on, carried_centre
 from ngepc.limit.data import LimitData
@@ -220,9 +221,9 @@ class LimitLoad:
         return on_elements(self.mesh, density)
 
     def __repr__(self) -> str:
-        bracket = f"[{self.lower:.6g}, {self.upper:.6g}]"
+        bracket = ", ".join(outward(self.lower, self.upper))
         meshes = f"{len(self.records)} meshes, {self.records[-1].cells} elements"
-        return f"<LimitLoad: {bracket}, {self.status.label}, {meshes}>"
+        return f"<LimitLoad: [{bracket}], {self.status.label}, {meshes}>"
 
 
 def strongest(problem: Problem) -> float:

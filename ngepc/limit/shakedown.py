@@ -19,6 +19,7 @@ from ngsolve import CoefficientFunction, GridFunction, Mesh
 
 from ngepc.checks.arguments import is_number, require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.checks.sentences import outward
 from ngepc.limit.bracket import MeshBracket, carried_stress
 from ngepc.limit.cycles import alternating_bound, cycle_bracket_on
 from ngepc.limit.data import LimitData
@@ -160,9 +161,9 @@ class ShakedownLoad:
         return velocity_function(self.mesh, self.last.data, found)
 
     def __repr__(self) -> str:
-        bracket = f"[{self.lower:.6g}, {self.upper:.6g}]"
+        bracket = ", ".join(outward(self.lower, self.upper))
         worth = "guaranteed" if self.exact else "estimate"
-        return f"<ShakedownLoad: {bracket}, {worth}, {self.status.label}>"
+        return f"<ShakedownLoad: [{bracket}], {worth}, {self.status.label}>"
 
 
 def shakedown_load(

@@ -13,6 +13,7 @@ import ngepc.pictures.style as style
 from ngepc.bounds.simplices import FACETS
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import outward
 from ngepc.limit.fields import corner_values
 from ngepc.limit.load import LimitLoad
 from ngepc.pictures.stills import draw_solid, solid_image
@@ -65,7 +66,8 @@ def plot_mechanism(limit: LimitLoad, *, axes: Axes | None = None) -> Figure:
         draw_solid(axes, moved_solid(limit, density, top), None)
     else:
         draw_plane(axes, limit, density, top)
-    axes.set_title(f"load factor between {limit.lower:.5g} and {limit.upper:.5g}")
+    ends = " and ".join(outward(limit.lower, limit.upper, 5))
+    axes.set_title(f"load factor between {ends}")
     return axes.figure
 
 

@@ -14,6 +14,7 @@ from ngsolve import CoefficientFunction
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.goal_bound import goal_bound
 from ngepc.checks.arguments import is_number, sample
+from ngepc.checks.sentences import at_most_percent, in_percent
 from ngepc.evolution.result import Evolution
 from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
@@ -321,7 +322,7 @@ def how_exact(result: Result) -> str:
         bound = error_bound(result)
     except (TypeError, ValueError, RuntimeError):
         return estimated_error(result)
-    size = f"{100 * bound.relative:.2g} percent of the energy"
+    size = f"{at_most_percent(bound.relative)} of the energy"
     if bound.guaranteed:
         return f"at most {size}, guaranteed"
     return f"at most {size}, known from samples of the data"
@@ -334,9 +335,7 @@ def estimated_error(result: ExactResult) -> str:
     except (TypeError, ValueError) as reason:
         return f"not known: {str(reason).partition(': ')[2] or reason}"
     part = error / abs(result.primal_energy) if result.primal_energy else 0.0
-    return (
-        f"about {100 * part:.2g} percent of the energy, an estimate without guarantee"
-    )
+    return f"about {in_percent(part)} of the energy, an estimate without guarantee"
 
 
 COLUMNS = {

@@ -9,6 +9,7 @@ from html import escape
 import numpy as np
 from ngsolve import H1, CoefficientFunction, Grad, GridFunction, Norm, VectorH1
 
+from ngepc.checks.sentences import in_percent
 from ngepc.discretisation.body import Iterate
 from ngepc.discretisation.mortar import deepest_pair_overlap
 from ngepc.discretisation.rows import ContactRows, deepest_overlap
@@ -385,8 +386,8 @@ def large_motion(strain: float, rotation: float) -> str:
     """A note on what linearised strains neglect at the largest strain and rotation (rad)."""
     spurious = rotation**2 / 2
     return (
-        f"Strains reach {100 * strain:.2g} percent and rotations {rotation:.2g} rad, but the model "
+        f"Strains reach {in_percent(strain)} and rotations {rotation:.2g} rad, but the model "
         "assumes that they are small. Lengths and areas of the undeformed body are used, with a "
         f"relative error of the size of the strain; the rotation adds a spurious strain of "
-        f"{100 * spurious:.2g} percent. Elongations, stresses and forces may be wrong by as much."
+        f"{in_percent(spurious)}. Elongations, stresses and forces may be wrong by as much."
     )
