@@ -9,7 +9,7 @@ import importlib
 import logging
 from pathlib import Path
 
-from ngepc._deprecated import install
+from ngepc._deprecated import MOVED, found, install
 from ngepc._version import __version__ as __version__
 
 
@@ -38,6 +38,8 @@ _GONE = {
 
 
 def __getattr__(name: str) -> object:
+    if f"ngepc.{name}" in MOVED:
+        return found(f"ngepc.{name}", stacklevel=2)
     if name not in _HOME:
         instead = f", it is gone: {_GONE[name]}" if name in _GONE else ""
         raise AttributeError(f"module 'ngepc' has no attribute {name!r}{instead}")

@@ -16,7 +16,7 @@ from ngepc.bounds.goal_bound import goal_bound as goal_bound
 from ngepc.bounds.goal_terms import ContactForceOn as ContactForceOn
 from ngepc.bounds.goal_terms import LoadWork as LoadWork
 from ngepc.bounds.goal_terms import MeanDisplacement as MeanDisplacement
-from ngepc.bounds.goals import Between as Between
+from ngepc.bounds.goals import Bracket as Bracket
 from ngepc.bounds.goals import contact_force_bracket as contact_force_bracket
 from ngepc.bounds.goals import displacement_bracket as displacement_bracket
 from ngepc.bounds.receipt import write_receipt as write_receipt

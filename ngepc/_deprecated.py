@@ -14,7 +14,9 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 
 MOVED = {
+    "ngepc.Between": "ngepc.bounds.goals.Bracket",
     "ngepc.bounds.bound.setting_of": "ngepc.bounds.bound.bound_data_of",
+    "ngepc.bounds.goals.Between": "ngepc.bounds.goals.Bracket",
     "ngepc.bounds.plane.PlaneSetting": "ngepc.bounds.plane.PlaneBoundData",
     "ngepc.bounds.setting.Effort": "ngepc.bounds.data.Effort",
     "ngepc.bounds.setting.Setting": "ngepc.bounds.data.BoundData",

@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from ngsolve import Mesh
 
+from ngepc._deprecated import renamed
 from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import COVERS as GOALS
@@ -96,7 +97,7 @@ class BoundedResult:
     ----------
     result, bound
         The result on the last mesh and its error bound.
-    asked
+    tolerance
         The relative error that was asked for.
     records
         One record for each mesh.
@@ -108,24 +109,27 @@ class BoundedResult:
 
     result: ExactResult
     bound: ErrorBound
-    asked: float
+    tolerance: float
     records: list[MeshRecord]
     message: str
     goal: GoalBound | None = None
 
+    asked = renamed("asked", "tolerance")
+    found = renamed("found", "relative_error")
+
     @property
-    def found(self) -> float:
-        """The relative error of the energy, or of the goal, to be compared with ``asked``."""
+    def relative_error(self) -> float:
+        """The relative error of the energy, or of the goal, to be compared with ``tolerance``."""
         return self.bound.relative if self.goal is None else self.goal.percent / 100
 
     @property
     def reached(self) -> bool:
         """Whether the error is at most the tolerance."""
-        return self.found <= self.asked
+        return self.relative_error <= self.tolerance
 
     @property
     def guaranteed(self) -> bool:
-        """Whether ``found`` is proved; False if data are known from samples only."""
+        """Whether ``relative_error`` is proved; False if data are known from samples only."""
         return self.bound.guaranteed if self.goal is None else self.goal.guaranteed
 
     @property
@@ -135,9 +139,9 @@ class BoundedResult:
 
     def __repr__(self) -> str:
         judged = self.bound if self.goal is None else self.goal
-        found = f"relative error at most {self.found:.3g} ({judged.kind}), {self.asked:g} asked"
+        error = f"relative error at most {self.relative_error:.3g} ({judged.kind})"
         meshes = f"{len(self.records)} meshes, {self.records[-1].nodes} nodes"
-        return f"<BoundedResult: {found}, {meshes}>"
+        return f"<BoundedResult: {error}, tolerance {self.tolerance:g}, {meshes}>"
 
 
 SMALLEST_ERROR = 1e-12
@@ -178,7 +182,7 @@ def solve_to(
         For illegal arguments, and for problems that no bound covers.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    asked = asked_error(problem, relative_error, goal, percent)
+    tolerance = tolerance_of(problem, relative_error, goal, percent)
     require_function("monitor", monitor, "a record", optional=True)
     options = Refinement() if options is None else options
     require_instance("options", options, Refinement, "Refinement(...)")
@@ -188,18 +192,18 @@ def solve_to(
     small = 0.0
     interval: GoalBound | None = None
     while True:
-        result, bound, steps, setting = solved(state, small, options)
+        result, bound, steps, bound_data = solved(state, small, options)
         if goal is not None:
             near = None if interval is None else interval.factor
-            interval = GoalProblem.of_bound(setting, bound).bound_of(goal, near)
-        here = BoundedResult(result, bound, asked, records, "", interval)
+            interval = GoalProblem.of_bound(bound_data, bound).bound_of(goal, near)
+        here = BoundedResult(result, bound, tolerance, records, "", interval)
         records.append(mesh_record(here, steps))
         message = ending(result, reported(records[-1], monitor))
         if message or here.reached:
             return replace(here, message=message)
 
         estimate = bound if interval is None else interval
-        left = asked / here.found
+        left = tolerance / here.relative_error
         mesh, parents = next_mesh(result.problem.mesh, estimate.per_cell, left, options)
         if mesh.nv > options.max_nodes:
             message = (
@@ -211,7 +215,7 @@ def solve_to(
         small = SMALL_STEP * bound.total
 
 
-def asked_error(
+def tolerance_of(
     problem: Problem, relative_error: float, goal: object, percent: float
 ) -> float:
     """The tolerance for the relative error: of the energy, or of the goal if there is one."""
@@ -277,7 +281,7 @@ def solved(
 
     They pause at a step that lowers the energy by less than a ``small`` amount.
     """
-    setting = bound_data_of(state.discrete)
+    bound_data = bound_data_of(state.discrete)
     tangent = Factors(state.discrete, "sparsecholesky")
     steps = 0
     energies = []
@@ -296,9 +300,9 @@ def solved(
         paused = (
             result.status == Status.STOPPED and abs(energies[-2] - energies[-1]) < small
         )
-        bound = bound_of_state(setting, result.state, tangent)
+        bound = bound_of_state(bound_data, result.state, tangent)
         if not paused:
-            return result, bound, steps, setting
+            return result, bound, steps, bound_data
         # Newton steps do not reduce the cost of clearing the obstacle between the nodes
         left = bound.algebraic - (bound.state.energy - result.primal_energy)
         if left <= ALGEBRAIC_SHARE * bound.total:
@@ -307,6 +311,6 @@ def solved(
                 f"Newton's part of the error bound is {part:.1e} after {steps} steps."
             )
             ended = replace(result, status=Status.BOUNDED, ending=ending)
-            return ended, bound, steps, setting
+            return ended, bound, steps, bound_data
         state = result.state
         small = small / 30

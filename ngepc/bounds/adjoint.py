@@ -47,26 +47,26 @@ class Adjoint:
 class AdjointProblem:
     """Adjoints of goals around one state, whose tangent is factorised."""
 
-    def __init__(self, setting: BoundData, state: State, P: np.ndarray) -> None:
-        self.setting = setting
+    def __init__(self, bound_data: BoundData, state: State, P: np.ndarray) -> None:
+        self.bound_data = bound_data
         self.state = state
         self.P = P
-        self.tangent = Factors(setting.discrete, "sparsecholesky")
+        self.tangent = Factors(bound_data.discrete, "sparsecholesky")
         self.tangent.update(state.with_radial_return().moduli)
-        N = setting.cells.N
-        self.room = setting.contact.room(state.u)
-        self.room[:, :N] = np.maximum(self.room[:, :N], 0.0)
-        rows = setting.discrete.rows
+        N = bound_data.cells.N
+        self.slack = bound_data.contact.slack(state.u)
+        self.slack[:, :N] = np.maximum(self.slack[:, :N], 0.0)
+        rows = bound_data.discrete.rows
         self._rows = rows.normal.tocsr()
         self._answers: dict[int, np.ndarray] = {}
         self._lower: AdjointProblem | None = None
-        if setting.lower is not None:
-            self._lower = AdjointProblem(setting.lower, setting.lower_state, P)
+        if bound_data.lower is not None:
+            self._lower = AdjointProblem(bound_data.lower, bound_data.lower_state, P)
 
     def _answer(self, row: int) -> np.ndarray:
         """Displacements under a unit force of a row, (nodes N,)."""
         if row not in self._answers:
-            force = self._rows[row].toarray().reshape(-1, self.setting.cells.N)
+            force = self._rows[row].toarray().reshape(-1, self.bound_data.cells.N)
             self._answers[row] = self.tangent.solve(force).ravel()
         return self._answers[row]
 
@@ -86,9 +86,9 @@ class AdjointProblem:
 
     def of(self, goal: GoalTerms, factor: float) -> Adjoint:
         """An admissible pair for lambda >= ``least``, made for the ``factor`` lambda."""
-        setting = self.setting
-        discrete = setting.discrete
-        forces = goal.forces(setting)
+        bound_data = self.bound_data
+        discrete = bound_data.discrete
+        forces = goal.forces(bound_data)
         lift = np.zeros_like(forces) if goal.motion is None else goal.motion
         if goal.motion is not None:
             strain = discrete.points.strain(lift)
@@ -99,7 +99,9 @@ class AdjointProblem:
         if self._lower is not None:
             of_lower = self._lower.of(goal.lower, factor)
             z, least = self.repaired(goal, z, factor)
-            energy = setting.missed_energy(self.state, self.tangent, z, of_lower.stress)
+            energy = bound_data.missed_energy(
+                self.state, self.tangent, z, of_lower.stress
+            )
             return replace(of_lower, z=z, energy=energy, least=least)
         pi = self._pressed(forces, wanted, factor)
         pi = np.clip(pi, -factor * self.P, factor * self.P)
@@ -124,12 +126,12 @@ class AdjointProblem:
         z = np.zeros_like(forces)
         for _ in range(HOLDS):
             z, _ = self.held(forces, np.flatnonzero(chosen), values)
-            off = wanted - self._rows @ z.ravel()
+            mismatch = wanted - self._rows @ z.ravel()
             most = factor * gap * (1 + ROUNDING)
-            more = ~chosen & (np.abs(off) > most + ROUNDING * np.abs(wanted))
+            more = ~chosen & (np.abs(mismatch) > most + ROUNDING * np.abs(wanted))
             if not more.any():
                 break
-            values[more] = (wanted - np.sign(off) * factor * gap)[more]
+            values[more] = (wanted - np.sign(mismatch) * factor * gap)[more]
             chosen |= more
         return z
 
@@ -151,13 +153,13 @@ class AdjointProblem:
                 break
             given = np.where(more, np.clip(mu, -most, most), given)
             fixed |= more
-        return self.setting.contact.stresses(mu)
+        return self.bound_data.contact.stresses(mu)
 
     def of_rows(self, goal: GoalTerms) -> np.ndarray:
         """C at the rows: the largest of the facets around them."""
-        contact = self.setting.contact
-        rows = self.setting.discrete.rows
-        at_nodes = np.zeros(len(self.setting.discrete.load))
+        contact = self.bound_data.contact
+        rows = self.bound_data.discrete.rows
+        at_nodes = np.zeros(len(self.bound_data.discrete.load))
         for column in contact.nodes.T:
             np.maximum.at(at_nodes, column, goal.factor)
         return at_nodes[rows.nodes]
@@ -171,21 +173,21 @@ class AdjointProblem:
         pi: np.ndarray,
     ) -> tuple[np.ndarray, float]:
         """The stress in equilibrium with the goal's load and the pressure pi that is best for z."""
-        setting = self.setting
-        discrete = setting.discrete
-        contact = setting.contact
-        moments, carried = goal.carried(setting)
+        bound_data = self.bound_data
+        discrete = bound_data.discrete
+        contact = bound_data.contact
+        moments, carried = goal.carried(bound_data)
         moments = moments.copy()
-        N = setting.cells.N
+        N = bound_data.cells.N
         pushed = contact.moments(pi[:, :, None] * contact.normal[:, None])
-        moments[setting.boundary.contact] -= pushed[:, :N]
+        moments[bound_data.boundary.contact] -= pushed[:, :N]
         forces = forces.copy()
         np.subtract.at(forces, contact.nodes, pushed)
-        other = copy(setting)
+        other = copy(bound_data)
         other.carried = carried
         near = self.tangent.solve(forces) + lift
-        other.patches = copy(setting.patches)
-        length = setting.cells.measure.max() ** (1 / (N - 1))
+        other.patches = copy(bound_data.patches)
+        length = bound_data.cells.measure.max() ** (1 / (N - 1))
         stiff = discrete.law.bulk.max() * length ** (N - 2)
         other.patches.smallest = UNMOVED * stiff * np.abs(near).max(initial=0.0)
         return other.adjoint_stress(self.state, self.tangent, near, z, moments)
@@ -199,39 +201,39 @@ class AdjointProblem:
         infinite then.
         """
         z = z.copy()
-        contact = self.setting.contact
-        N = self.setting.cells.N
+        contact = self.bound_data.contact
+        N = self.bound_data.cells.N
         for _ in range(NORMAL_PASSES):
-            off = self.off(goal, z)[:, :N]
-            most = factor * self.room[:, :N]
-            beyond = off - np.clip(off, -most, most)
+            mismatch = self.mismatch(goal, z)[:, :N]
+            most = factor * self.slack[:, :N]
+            beyond = mismatch - np.clip(mismatch, -most, most)
             if np.abs(beyond).max(initial=0.0) <= ROUNDING * (
-                1 + np.abs(off).max(initial=0)
+                1 + np.abs(mismatch).max(initial=0)
             ):
                 break
             for end in range(N):
-                off = self.off(goal, z)[:, end]
-                most = factor * self.room[:, end]
-                more = off - np.clip(off, -most, most)
+                mismatch = self.mismatch(goal, z)[:, end]
+                most = factor * self.slack[:, end]
+                more = mismatch - np.clip(mismatch, -most, most)
                 # facets that meet at a vertex differ in what they allow: those that are
                 # satisfied but for rounding must not undo what another one asks for
-                rounded = ROUNDING * (1 + np.abs(off).max(initial=0.0))
+                rounded = ROUNDING * (1 + np.abs(mismatch).max(initial=0.0))
                 more[np.abs(more) <= rounded] = 0.0
                 self._raise(z, contact.nodes[:, end], more, 1.0)
-        if self.setting.problem.order == 2:
+        if self.bound_data.problem.order == 2:
             self._repair_edges(goal, z, factor)
         return z, self.least(goal, z, factor)
 
     def _repair_edges(self, goal: GoalTerms, z: np.ndarray, factor: float) -> None:
         """Change z at edges until the conditions hold between the vertices."""
-        contact = self.setting.contact
-        N = self.setting.cells.N
+        contact = self.bound_data.contact
+        N = self.bound_data.cells.N
         for _ in range(NORMAL_PASSES):
             most = 0.0
-            size = np.abs(self.off(goal, z)).max(initial=0.0)
+            size = np.abs(self.mismatch(goal, z)).max(initial=0.0)
             for k in range(contact.nodes.shape[1] - N):
                 low, high = self._middles(goal, z, factor)
-                middle = contact.edge_coefficients(self.off(goal, z))
+                middle = contact.edge_coefficients(self.mismatch(goal, z))
                 more = (middle - np.clip(middle, low, np.maximum(low, high)))[:, k]
                 more[np.abs(more) <= ROUNDING * (1 + size)] = 0.0
                 self._raise(z, contact.nodes[:, N + k], 2 * more, BUBBLE)
@@ -239,19 +241,19 @@ class AdjointProblem:
             if most == 0.0:
                 break
 
-    def off(self, goal: GoalTerms, z: np.ndarray) -> np.ndarray:
+    def mismatch(self, goal: GoalTerms, z: np.ndarray) -> np.ndarray:
         """C - z . n by ``ContactFacets.nodes``, (facets, nodes)."""
-        contact = self.setting.contact
-        off = -np.einsum("eac,ec->ea", z[contact.nodes], contact.normal)
-        off[:, : self.setting.cells.N] += goal.factor[:, None]
-        return off
+        contact = self.bound_data.contact
+        mismatch = -np.einsum("eac,ec->ea", z[contact.nodes], contact.normal)
+        mismatch[:, : self.bound_data.cells.N] += goal.factor[:, None]
+        return mismatch
 
     def _raise(
         self, z: np.ndarray, nodes: np.ndarray, amount: np.ndarray, value: float
     ) -> None:
         """Raise z . n at nodes of facets by an amount (facets,) where supports allow it."""
-        contact = self.setting.contact
-        free = self.setting.discrete.supports.free[nodes]
+        contact = self.bound_data.contact
+        free = self.bound_data.discrete.supports.free[nodes]
         n = np.where(free, contact.normal, 0.0)
         square = np.einsum("ec,ec->e", n, n)
         there = (amount != 0) & (square > LEVEL)
@@ -266,28 +268,28 @@ class AdjointProblem:
         A parabola with the coefficients a, m, b is nowhere negative where a, b >= 0 and
         m >= -(a b)^(1/2), a quadratic function on a triangle where all coefficients are >= 0.
         """
-        room = self.room
-        middle = factor * self.setting.contact.edge_coefficients(room)
-        if self.setting.cells.N == 3:
+        slack = self.slack
+        middle = factor * self.bound_data.contact.edge_coefficients(slack)
+        if self.bound_data.cells.N == 3:
             return -middle, middle
-        off = self.off(goal, z)[:, :2]
-        above = np.maximum(factor * room[:, :2] - off, 0.0)
-        below = np.maximum(factor * room[:, :2] + off, 0.0)
+        mismatch = self.mismatch(goal, z)[:, :2]
+        above = np.maximum(factor * slack[:, :2] - mismatch, 0.0)
+        below = np.maximum(factor * slack[:, :2] + mismatch, 0.0)
         high = middle + np.sqrt(above.prod(axis=1))[:, None]
         low = -middle - np.sqrt(below.prod(axis=1))[:, None]
         return low, high
 
     def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
         """The factor, or infinity where the conditions do not hold up to rounding."""
-        N = self.setting.cells.N
-        off = self.off(goal, z)
-        size = ROUNDING * (1 + np.abs(off).max(initial=0.0)) * 10
-        missed = np.abs(off[:, :N]) - factor * self.room[:, :N]
+        N = self.bound_data.cells.N
+        mismatch = self.mismatch(goal, z)
+        size = ROUNDING * (1 + np.abs(mismatch).max(initial=0.0)) * 10
+        missed = np.abs(mismatch[:, :N]) - factor * self.slack[:, :N]
         if missed.max(initial=0.0) > size:
             return np.inf
-        if self.setting.problem.order == 2 and len(off):
+        if self.bound_data.problem.order == 2 and len(mismatch):
             low, high = self._middles(goal, z, factor)
-            middle = self.setting.contact.edge_coefficients(off)
+            middle = self.bound_data.contact.edge_coefficients(mismatch)
             if max((low - middle).max(), (middle - high).max()) > size:
                 return np.inf
         return factor

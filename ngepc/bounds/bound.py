@@ -189,9 +189,11 @@ def error_bound(result: object) -> ErrorBound:
     if not isinstance(problem, Problem):
         raise TypeError(f"result={result!r}: a result with a displacement is needed")
     exact = isinstance(result, ExactResult)
-    setting = bound_data_of(result.discrete if exact else DiscreteProblem(problem))
-    state = result.state if exact else state_of(setting.discrete, result)
-    return bound_of_state(setting, state, Factors(setting.discrete, "sparsecholesky"))
+    bound_data = bound_data_of(result.discrete if exact else DiscreteProblem(problem))
+    state = result.state if exact else state_of(bound_data.discrete, result)
+    return bound_of_state(
+        bound_data, state, Factors(bound_data.discrete, "sparsecholesky")
+    )
 
 
 def state_of(discrete: DiscreteProblem, result: object) -> State:
@@ -218,48 +220,52 @@ def bound_data_of(discrete: DiscreteProblem) -> BoundData:
     return (PlaneBoundData if discrete.problem.N == 2 else SolidBoundData)(discrete)
 
 
-def bound_of_state(setting: BoundData, given: State, tangent: Factors) -> ErrorBound:
-    """The bound for a state on the mesh of a setting; ``tangent`` may be that of an earlier one."""
-    contact = setting.contact
-    state, moved = feasible_state(setting, given)
-    algebraic = algebraic_part(setting, state, tangent)
-    z, at_points, P = setting.best_stress(
+def bound_of_state(bound_data: BoundData, given: State, tangent: Factors) -> ErrorBound:
+    """The bound for a state on the mesh of the data; ``tangent`` may be that of an earlier one."""
+    contact = bound_data.contact
+    state, moved = feasible_state(bound_data, given)
+    algebraic = algebraic_part(bound_data, state, tangent)
+    z, at_points, P = bound_data.best_stress(
         state, tangent, contact.pressure(state.multipliers)
     )
-    gaps = setting.at_nodes.integrals(
-        z, setting.cells.volume, setting.gaps(state, at_points)
+    gaps = bound_data.at_nodes.integrals(
+        z, bound_data.cells.volume, bound_data.gaps(state, at_points)
     )
     gaps += np.bincount(contact.owner, contact.gaps(state, P), minlength=len(gaps))
-    law = setting.conjugate
+    law = bound_data.conjugate
     whole = gaps
     if (
-        setting.carried.left.any()
+        bound_data.carried.left.any()
     ):  # (gaps^(1/2) + rho / (2 m)^(1/2))^2, J is m-convex in eps(u)
         softest = law.two_mu * law.hardening / (law.two_mu + law.hardening)
-        m = np.minimum(softest, setting.problem.kinematics.size * law.bulk)
-        left = setting.carried.left
+        m = np.minimum(softest, bound_data.problem.kinematics.size * law.bulk)
+        left = bound_data.carried.left
         with np.errstate(divide="ignore", invalid="ignore"):
             missing = np.where(left > 0, left / np.sqrt(2 * m), 0.0)
         whole = (np.sqrt(np.maximum(gaps, 0.0)) + missing) ** 2
     total = float(whole.sum())
-    energy = setting.energy(state)
+    energy = bound_data.energy(state)
     oscillation = total - float(gaps.sum())
     return ErrorBound(state, energy, total, algebraic, whole, z, P, moved, oscillation)
 
 
-def algebraic_part(setting: BoundData, state: State, tangent: Factors) -> float:
+def algebraic_part(bound_data: BoundData, state: State, tangent: Factors) -> float:
     """Upper bound of J(u) - J_h: the same bound with a discrete stress and discrete contact."""
-    contact = setting.discrete.contact
+    contact = bound_data.discrete.contact
     forces = contact.friction.projected(state.contact)
-    z = setting.balanced(state, tangent, setting.discrete.load - contact.forces(forces))
-    conjugate = Conjugate(setting.discrete.law)
-    law = setting.discrete.law
+    z = bound_data.balanced(
+        state, tangent, bound_data.discrete.load - contact.forces(forces)
+    )
+    conjugate = Conjugate(bound_data.discrete.law)
+    law = bound_data.discrete.law
     density = law.energy_density(state.at)
     density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]
     strain = strain_coordinates(state)
     gap = density - np.einsum("pc,pc->p", z, strain)
     friction = contact.friction_work(forces, state.gaps, 0.0)
-    return setting.discrete.points.integral(gap) + float(forces @ state.gaps + friction)
+    return bound_data.discrete.points.integral(gap) + float(
+        forces @ state.gaps + friction
+    )
 
 
 __getattr__ = old_names(__name__)

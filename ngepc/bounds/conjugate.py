@@ -230,10 +230,10 @@ class Conjugate:
         cell, place = np.nonzero(outside.any(axis=2))
         s = s[cell, place]
         weight = part[cell, 0]
-        bound, likely = self._plastic(s, weight, cell)
-        allowed = WORTH[k] * max(result.sum() + likely.sum(), 0.0)
+        bound, estimate = self._plastic(s, weight, cell)
+        allowed = WORTH[k] * max(result.sum() + estimate.sum(), 0.0)
         for level in range(SPLIT_LEVELS[k] + 1):
-            gain = bound - likely
+            gain = bound - estimate
             last = level == SPLIT_LEVELS[k]
             order = np.argsort(gain)
             kept = np.full(len(gain), last)
@@ -245,7 +245,7 @@ class Conjugate:
             parts = len(SPLIT[k])
             s = np.matmul(SPLIT[k].reshape(-1, k), s[~kept]).reshape(-1, k, self.d)
             weight, cell = (np.repeat(v[~kept], parts) for v in (weight / parts, cell))
-            bound, likely = self._plastic(s, weight, cell)
+            bound, estimate = self._plastic(s, weight, cell)
         return result
 
     def _plastic(
@@ -262,10 +262,10 @@ class Conjugate:
                 bound, excess_integrals(s, self.beta[cell], volume) / two_h
             )
         inside = beyond(np.matmul(RULE[k], s), self.beta[cell])
-        likely = (
+        estimate = (
             volume * (np.einsum("tqd,tqd->tq", inside, inside) @ WEIGHTS[k]) / two_h
         )
-        return bound, np.minimum(likely, bound)
+        return bound, np.minimum(estimate, bound)
 
     def _of_any_law(
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
@@ -304,9 +304,9 @@ class Conjugate:
         bound = np.minimum(linear, volume * at_coefficients.mean(axis=1))
         bound = np.where(finite, bound, np.inf)
         at_rule = np.linalg.norm(np.matmul(RULE[s.shape[1]], s), axis=2)
-        likely = _potential(columns, h[:, None], at_rule)
-        likely = np.where(np.isfinite(likely), likely, 0.0) @ WEIGHTS[s.shape[1]]
-        return bound, np.minimum(volume * likely, bound)
+        estimate = _potential(columns, h[:, None], at_rule)
+        estimate = np.where(np.isfinite(estimate), estimate, 0.0) @ WEIGHTS[s.shape[1]]
+        return bound, np.minimum(volume * estimate, bound)
 
 
 def _potential(

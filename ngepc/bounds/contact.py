@@ -105,24 +105,24 @@ class ContactFacets:
         """Of affine functions, from vertex values (facets, N, .), by ``nodes``."""
         return self.measure[:, None, None] * np.matmul(self._hats.T, values)
 
-    def room(self, u: np.ndarray) -> np.ndarray:
+    def slack(self, u: np.ndarray) -> np.ndarray:
         """The gap less u . n by ``nodes``, shape (facets, nodes)."""
-        room = -np.einsum("eac,ec->ea", u[self.nodes], self.normal)
+        slack = -np.einsum("eac,ec->ea", u[self.nodes], self.normal)
         gap = self.boundary.gap
-        room[:, : gap.shape[1]] += gap
-        return room
+        slack[:, : gap.shape[1]] += gap
+        return slack
 
-    def affine_room(self, u: np.ndarray) -> np.ndarray:
+    def affine_slack(self, u: np.ndarray) -> np.ndarray:
         """The affine functions nearest to psi - u . n on the facets, at vertices, (facets, N)."""
         N = self.N
-        moments = self.room(u) @ self._hats.T
+        moments = self.slack(u) @ self._hats.T
         moments += self.boundary.excess / self.measure[:, None]
         return N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
 
-    def edge_coefficients(self, room: np.ndarray) -> np.ndarray:
+    def edge_coefficients(self, slack: np.ndarray) -> np.ndarray:
         """Bernstein's coefficients of the edges from values by ``nodes``, order two."""
         ends = np.array(OF_FACET[self.N])
-        return room[:, ends].mean(axis=2) + BUBBLE / 2 * room[:, self.N :]
+        return slack[:, ends].mean(axis=2) + BUBBLE / 2 * slack[:, self.N :]
 
     def cleared(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements near ``u`` that meet supports and clear the obstacle everywhere.
@@ -133,11 +133,11 @@ class ContactFacets:
         u = np.where(self.discrete.supports.free, u, self.discrete.supports.values)
         rounding = CLEAR * np.abs(u).max(initial=0.0)
         for _ in range(NORMAL_PASSES):
-            stuck = self.room(u)[:, : self.N].min(initial=0.0) < -rounding
+            stuck = self.slack(u)[:, : self.N].min(initial=0.0) < -rounding
             if not stuck:
                 break
             for end in range(self.N):
-                self._lower(u, self.nodes[:, end], -self.room(u)[:, end], 1.0)
+                self._lower(u, self.nodes[:, end], -self.slack(u)[:, end], 1.0)
         if self.problem.order == 2 and not stuck:
             stuck = self._edges_cleared(u)
         if stuck:
@@ -156,11 +156,11 @@ class ContactFacets:
         for _ in range(NORMAL_PASSES):
             most = 0.0
             for k, (i, j) in enumerate(OF_FACET[self.N]):
-                room = self.room(u)
-                lowest = np.zeros(len(room))
+                slack = self.slack(u)
+                lowest = np.zeros(len(slack))
                 if self.N == 2:
-                    lowest = -np.sqrt(np.maximum(room[:, i] * room[:, j], 0.0))
-                excess = 2 * (lowest - self.edge_coefficients(room)[:, k])
+                    lowest = -np.sqrt(np.maximum(slack[:, i] * slack[:, j], 0.0))
+                excess = 2 * (lowest - self.edge_coefficients(slack)[:, k])
                 if self._lower(u, self.nodes[:, self.N + k], excess, BUBBLE):
                     return True
                 most = max(most, excess.max(initial=0.0))
@@ -290,7 +290,7 @@ class ContactFacets:
 
     def opening(self, u: np.ndarray, P: np.ndarray) -> np.ndarray:
         """The integral of P (psi - u . n) over each facet for vertex values P (facets, N)."""
-        pressed = self.moments(P[:, :, None])[:, :, 0] * self.room(u)
+        pressed = self.moments(P[:, :, None])[:, :, 0] * self.slack(u)
         return pressed.sum(axis=1) + (P * self.boundary.excess).sum(axis=1)
 
     def gaps(self, state: State, P: np.ndarray) -> np.ndarray:

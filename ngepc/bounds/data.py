@@ -239,13 +239,13 @@ class BoundData:
         return stress_coordinates(*tangent.moduli.stress(*strain))
 
 
-def feasible_state(setting: BoundData, given: State) -> tuple[State, float]:
+def feasible_state(bound_data: BoundData, given: State) -> tuple[State, float]:
     """The state moved out of the obstacle, with radial return, and the size of the move."""
-    u = setting.contact.cleared(given.u)
+    u = bound_data.contact.cleared(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
     if moved <= given.touching_distance:
         return given.with_radial_return(), moved
-    return setting.discrete.state(u, contact=given.contact), moved
+    return bound_data.discrete.state(u, contact=given.contact), moved
 
 
 def factorise(state: State, tangent: Factors) -> None:

@@ -185,39 +185,39 @@ class GoalProblem:
 
     def __init__(self, result: ExactResult) -> None:
         require_covered(result.problem, "a goal bound", COVERS)
-        setting = bound_data_of(result.discrete)
-        tangent = Factors(setting.discrete, "sparsecholesky")
-        state = state_of(setting.discrete, result)
-        self._take(setting, bound_of_state(setting, state, tangent))
+        bound_data = bound_data_of(result.discrete)
+        tangent = Factors(bound_data.discrete, "sparsecholesky")
+        state = state_of(bound_data.discrete, result)
+        self._take(bound_data, bound_of_state(bound_data, state, tangent))
 
     @classmethod
-    def of_bound(cls, setting: BoundData, bound: ErrorBound) -> GoalProblem:
-        """The same from an error bound and its setting."""
+    def of_bound(cls, bound_data: BoundData, bound: ErrorBound) -> GoalProblem:
+        """The same from an error bound and its data."""
         made = cls.__new__(cls)
-        require_covered(setting.problem, "a goal bound", COVERS)
-        made._take(setting, bound)
+        require_covered(bound_data.problem, "a goal bound", COVERS)
+        made._take(bound_data, bound)
         return made
 
-    def _take(self, setting: BoundData, bound: ErrorBound) -> None:
-        if setting.carried.left.any():
+    def _take(self, bound_data: BoundData, bound: ErrorBound) -> None:
+        if bound_data.carried.left.any():
             names = " and ".join(
                 name
                 for name in ("body_force", "traction", "pressure")
-                if getattr(setting.problem, name) is not None
+                if getattr(bound_data.problem, name) is not None
             )
             raise ValueError(
                 f"{names}: a goal bound needs a body force that is constant on elements and "
                 "tractions that are affine"
             )
-        self.setting = setting
+        self.bound_data = bound_data
         self.bound = bound
-        self._adjoints = AdjointProblem(setting, bound.state, bound.pressure)
+        self._adjoints = AdjointProblem(bound_data, bound.state, bound.pressure)
 
     def bound_of(self, goal: object, near: float | None = None) -> GoalBound:
         """The interval of a goal; ``near`` is about its lambda, on a mesh before for example."""
-        setting = self.setting
-        terms = terms_of(goal, setting)
-        discrete = terms.value(setting, self.bound.state)
+        bound_data = self.bound_data
+        terms = terms_of(goal, bound_data)
+        discrete = terms.value(bound_data, self.bound.state)
         energy = self.bound.strain_energy
         if not energy > 0:
             raise ValueError(
@@ -228,11 +228,11 @@ class GoalProblem:
             scale = max(scale, np.abs(self.bound.state.internal_forces).max())
         first = FIRST * (scale or 1.0) / (2 * energy)
         best = self._best(terms, first, near)
-        return self._told(terms, best, discrete)
+        return self._interval(terms, best, discrete)
 
     def _best(self, terms: GoalTerms, first: float, near: float | None) -> Candidate:
         """The best lambda and adjoint, from a small lambda or one near the best."""
-        if not len(self.setting.contact.nodes):
+        if not len(self.bound_data.contact.nodes):
             return self._climbed(terms, first)  # one adjoint for all lambdas
         if near is not None:
             return self._followed(terms, self._candidate(terms, near))
@@ -260,7 +260,7 @@ class GoalProblem:
         factor = found.factor
         width = found.width
         for _ in range(TRIES):
-            trial = found.integrand.likely(STEP * factor)
+            trial = found.integrand.estimate(STEP * factor)
             if trial >= width:
                 break
             factor *= STEP
@@ -277,17 +277,19 @@ class GoalProblem:
                     f"goal={terms.name}: a support holds a vertex that touches the obstacle"
                 )
             adjoint = self._adjoints.of(terms, factor)
-        integrand = integrand_of(self.setting, self.bound, adjoint)
-        return Candidate(adjoint, integrand, factor, integrand.likely(factor))
+        integrand = integrand_of(self.bound_data, self.bound, adjoint)
+        return Candidate(adjoint, integrand, factor, integrand.estimate(factor))
 
-    def _told(self, terms: GoalTerms, chosen: Candidate, discrete: float) -> GoalBound:
+    def _interval(
+        self, terms: GoalTerms, chosen: Candidate, discrete: float
+    ) -> GoalBound:
         """The interval of a choice."""
-        contact = self.setting.contact
+        contact = self.bound_data.contact
         state = self.bound.state
         adjoint = chosen.adjoint
         opened = chosen.factor * contact.opening(state.u, self.bound.pressure)
-        centre = float(np.vdot(terms.forces(self.setting), state.u))
-        centre += float(np.vdot(self.setting.discrete.load, adjoint.z))
+        centre = float(np.vdot(terms.forces(self.bound_data), state.u))
+        centre += float(np.vdot(self.bound_data.discrete.load, adjoint.z))
         centre += chosen.integrand.residual
         centre += float(contact.opening(state.u, adjoint.pressure).sum())
         above, below = chosen.integrand.bounds(chosen.factor)

@@ -126,20 +126,20 @@ class GoalTerms:
     note: str = ""
     lower: GoalTerms | None = None
 
-    def forces(self, setting: BoundData) -> np.ndarray:
+    def forces(self, bound_data: BoundData) -> np.ndarray:
         """Nodal forces of the load, (nodes, N)."""
-        discrete = setting.discrete
+        discrete = bound_data.discrete
         if self.load is None:
             return np.zeros_like(discrete.load)
         return applied_forces(self.load, discrete.supports.space)
 
-    def carried(self, setting: BoundData) -> tuple[np.ndarray, CarriedLoads]:
+    def carried(self, bound_data: BoundData) -> tuple[np.ndarray, CarriedLoads]:
         """Facet moments of the load's tractions, and its body forces.
 
         ValueError for loads that stresses do not carry exactly.
         """
-        empty = self.load or _loaded(setting.problem, None, None)
-        boundary = Boundary(empty, setting.cells)
+        empty = self.load or _loaded(bound_data.problem, None, None)
+        boundary = Boundary(empty, bound_data.cells)
         carried = CarriedLoads(boundary)
         if carried.left.any():
             raise ValueError(
@@ -148,19 +148,19 @@ class GoalTerms:
             )
         return boundary.moments, carried
 
-    def value(self, setting: BoundData, state: State) -> float:
+    def value(self, bound_data: BoundData, state: State) -> float:
         """The goal of a discrete state."""
-        value = float(np.vdot(self.forces(setting), state.u))
+        value = float(np.vdot(self.forces(bound_data), state.u))
         if self.motion is not None:
             value -= float(np.vdot(self.motion, state.residual_force))
-        pressed = setting.contact.pressure(state.multipliers)
-        moments = setting.contact.moments(pressed[:, :, None])
-        pushed = moments[:, : setting.cells.N, 0].sum(axis=1)
+        pressed = bound_data.contact.pressure(state.multipliers)
+        moments = bound_data.contact.moments(pressed[:, :, None])
+        pushed = moments[:, : bound_data.cells.N, 0].sum(axis=1)
         return value + float(self.factor @ pushed)
 
 
-def terms_of(goal: object, setting: BoundData) -> GoalTerms:
-    """A goal on the mesh of a setting.
+def terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
+    """A goal on the mesh of some ``BoundData``.
 
     ``goal`` is a name of ``NAMES``, one of the classes here, or has ``point`` and ``component``
     (``DisplacementAt``), ``support`` and ``component`` (``Reaction``).
@@ -169,21 +169,21 @@ def terms_of(goal: object, setting: BoundData) -> GoalTerms:
     """
     if isinstance(goal, GoalTerms):
         return goal
-    terms = _terms_of(goal, setting)
-    if setting.lower is None:
+    terms = _terms_of(goal, bound_data)
+    if bound_data.lower is None:
         return terms
-    return replace(terms, lower=_terms_of(goal, setting.lower))
+    return replace(terms, lower=_terms_of(goal, bound_data.lower))
 
 
-def _terms_of(goal: object, setting: BoundData) -> GoalTerms:
+def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
     """The same without ``lower``."""
-    problem = setting.problem
-    zero = np.zeros(len(setting.contact.nodes))
+    problem = bound_data.problem
+    zero = np.zeros(len(bound_data.contact.nodes))
     if isinstance(goal, str):
         return _named(goal, problem, zero)
     if isinstance(goal, ContactForceOn):
         names = boundary_names("boundary", goal.boundary, problem.mesh)
-        on = setting.boundary.contact_of(names).astype(float)
+        on = bound_data.boundary.contact_of(names).astype(float)
         if not on.any():
             raise ValueError(
                 f"boundary={goal.boundary!r}: a contact boundary is needed"
@@ -198,7 +198,7 @@ def _terms_of(goal: object, setting: BoundData) -> GoalTerms:
     if hasattr(goal, "point") and hasattr(goal, "component"):
         return _displacement_at(goal, problem, zero)
     if hasattr(goal, "support") and hasattr(goal, "component"):
-        motion = _support_motion(goal, setting)
+        motion = _support_motion(goal, bound_data)
         return GoalTerms(f"reaction of {goal.support}", None, zero, motion)
     raise TypeError(
         f"goal={goal!r}: 'contact_force', 'work', ContactForceOn, MeanDisplacement, LoadWork, "
@@ -255,16 +255,16 @@ def _displacement_at(goal: object, problem: Problem, zero: np.ndarray) -> GoalTe
     return GoalTerms("displacement", load, zero, None, note)
 
 
-def _support_motion(goal: object, setting: BoundData) -> np.ndarray:
+def _support_motion(goal: object, bound_data: BoundData) -> np.ndarray:
     """Minus the unit motion of a support, (nodes, N)."""
-    problem = setting.problem
-    supports = setting.discrete.supports
+    problem = bound_data.problem
+    supports = bound_data.discrete.supports
     component = require_integer("component", goal.component, 0, problem.N - 1)
     (name,) = boundary_names("support", goal.support, problem.mesh)
     region = problem.mesh.Boundaries(name)
     there = np.array(supports.space.components[component].GetDofs(region), dtype=bool)
     there[problem.mesh.nv :] = False
-    motion = np.zeros(setting.discrete.load.shape)
+    motion = np.zeros(bound_data.discrete.load.shape)
     motion[there, component] = -1.0 * ~supports.free[there, component]
     if not motion.any():
         raise ValueError(

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ngepc._deprecated import old_names
 from ngepc.bounds.adaptive import SOLVED, TOLERANCE
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.coverage import COVERS as BOUNDED
@@ -42,7 +43,7 @@ NEAR = 1.3  # lengths within this factor of the best one are accepted
 
 
 @dataclass(frozen=True)
-class Between:
+class Bracket:
     """Bounds of a quantity of the continuous solution.
 
     Parameters
@@ -71,7 +72,7 @@ class Between:
 
 
 @one_blas_thread
-def contact_force_bracket(result: ExactResult) -> Between:
+def contact_force_bracket(result: ExactResult) -> Bracket:
     """Bounds of the resultant of the normal contact pressure (force).
 
     Parameters
@@ -102,7 +103,7 @@ def contact_force_bracket(result: ExactResult) -> Between:
     lower, upper, message = slopes(
         result, here, moved, lambda a, b: b.energy - a.least_energy, force, size
     )
-    return Between(max(lower, 0.0), upper, force, not message, message)
+    return Bracket(max(lower, 0.0), upper, force, not message, message)
 
 
 @one_blas_thread
@@ -110,7 +111,7 @@ def displacement_bracket(
     result: ExactResult,
     traction: Mapping[str, Vector] | None = None,
     body_force: Vector | None = None,
-) -> Between:
+) -> Bracket:
     """Bounds of the work that a load would do: a mean displacement for a load with resultant one.
 
     Parameters
@@ -153,7 +154,7 @@ def displacement_bracket(
     lower, upper, message = slopes(
         result, here, loaded, lambda a, b: a.energy - b.least_energy, work, large
     )
-    return Between(lower, upper, work, not message, message)
+    return Bracket(lower, upper, work, not message, message)
 
 
 def slopes(
@@ -199,3 +200,6 @@ def slopes(
             t = min(max(wanted, t / 16), 4 * t)
         found.append(sign * best)
     return found[0], found[1], unseen
+
+
+__getattr__ = old_names(__name__)

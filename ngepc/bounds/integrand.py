@@ -20,7 +20,7 @@ from ngepc.bounds.conjugate import R6
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.parts import NODES, RULE, SPLIT, TO_NODES, WEIGHTS, coefficients
 from ngepc.bounds.supremum import PointData, Stresses, kept_part, suprema
-from ngepc.bounds.varying import VaryingData, integrals, likely_integrals
+from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
 from ngepc.discretisation.law import Law
 from ngepc.local.system import State
 
@@ -93,7 +93,7 @@ class Integrand:
         )
         return values.reshape(-1, count), smooth.reshape(-1, count)
 
-    def likely(self, factor: float) -> float:
+    def estimate(self, factor: float) -> float:
         """About the width for a factor, by a rule."""
         row = np.arange(len(self.tau))
         total = 2 * factor * self.opened
@@ -117,14 +117,14 @@ class Integrand:
         corners, inside = self._at(np.eye(k), tau, sigma, row, sign, factor)
         for level in range(SPLITS[k] + 1):
             middles, _ = self._at(MIDDLE[k], tau, sigma, row, sign, factor)
-            likely = volume * (
+            estimate = volume * (
                 middles @ MIDDLE_WEIGHTS[k] + corners @ CORNER_WEIGHTS[k]
             )
             bound = volume * corners.mean(axis=1)
             smooth = inside.all(axis=1)
-            bound = np.maximum(np.where(smooth, likely, bound), 0.0)
-            gain = np.maximum(bound - likely, 0.0)
-            allowed = WORTH * max(result.sum() + likely.sum(), 0.0)
+            bound = np.maximum(np.where(smooth, estimate, bound), 0.0)
+            gain = np.maximum(bound - estimate, 0.0)
+            allowed = WORTH * max(result.sum() + estimate.sum(), 0.0)
             order = np.argsort(gain)
             kept = np.full(len(gain), level == SPLITS[k])
             kept[order[np.cumsum(gain[order]) <= allowed / 2]] = True
@@ -153,11 +153,11 @@ class VaryingIntegrand:
     opened: float
     residual: float
 
-    def likely(self, factor: float) -> float:
+    def estimate(self, factor: float) -> float:
         """About the width for a factor, by a rule."""
         total = 2 * factor * self.opened
         for data in (self.data, self.data.turned()):
-            total += float(likely_integrals(data, factor).sum())
+            total += float(estimated_integrals(data, factor).sum())
         return total
 
     def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
@@ -168,45 +168,45 @@ class VaryingIntegrand:
 
 
 def integrand_of(
-    setting: BoundData, bound: ErrorBound, adjoint: Adjoint
+    bound_data: BoundData, bound: ErrorBound, adjoint: Adjoint
 ) -> Integrand | VaryingIntegrand:
     """The supremum for a bound and an adjoint."""
     state = bound.state
-    discrete = setting.discrete
+    discrete = bound_data.discrete
     law = discrete.law
     points = discrete.points
-    cells = len(setting.cells.nodes)
+    cells = len(bound_data.cells.nodes)
     k = NODES[bound.admissible.shape[1]]
     parts = bound.admissible.shape[1] // k
     trace, deviator = points.strain(adjoint.z)
     moduli = state.with_radial_return().moduli
-    at = setting.at_nodes.completed(bound.admissible)
+    at = bound_data.at_nodes.completed(bound.admissible)
     sigma = np.concatenate([at.mean[..., None], at.deviator], axis=-1)
     wanted = np.column_stack(moduli.stress(trace, deviator))
-    wanted = on_nodes(setting, wanted)
-    tau = completed_near(adjoint.stress, wanted, law, setting.each)
+    wanted = on_nodes(bound_data, wanted)
+    tau = completed_near(adjoint.stress, wanted, law, bound_data.each)
     if k == 6:
         tau, sigma = (coefficients(v.reshape(cells, 3, 6, -1)) for v in (tau, sigma))
-    opened = float(setting.contact.opening(state.u, bound.pressure).sum())
+    opened = float(bound_data.contact.opening(state.u, bound.pressure).sum())
     owner = np.repeat(np.arange(cells), parts)
-    volume = np.repeat(setting.cells.volume / parts, parts)
+    volume = np.repeat(bound_data.cells.volume / parts, parts)
     tau = tau.reshape(cells * parts, k, -1)
     sigma = sigma.reshape(cells * parts, k, -1)
-    if setting.each > 1:
+    if bound_data.each > 1:
         strain = trace[:, None], deviator
-        data = varying_data(setting, state, (tau, sigma), strain, (volume, owner))
+        data = varying_data(bound_data, state, (tau, sigma), strain, (volume, owner))
         residual = -float(data.work() @ volume)
         return VaryingIntegrand(data, cells, opened, residual)
-    data, strain = point_data(setting, state, trace, deviator, parts)
+    data, strain = point_data(bound_data, state, trace, deviator, parts)
     residual = -float(_work(data, strain) @ volume)
     return Integrand(tau, sigma, data, strain, owner, volume, opened, residual)
 
 
-def on_nodes(setting: BoundData, values: np.ndarray) -> np.ndarray:
+def on_nodes(bound_data: BoundData, values: np.ndarray) -> np.ndarray:
     """Of functions given at the points: at the nodes of the parts, or once for each cell."""
-    if setting.each == 1:
+    if bound_data.each == 1:
         return values[:, None]
-    return np.matmul(TO_NODES[setting.each], setting.at_corners(values))
+    return np.matmul(TO_NODES[bound_data.each], bound_data.at_corners(values))
 
 
 def _work(data: PointData, strain: Stresses) -> np.ndarray:
@@ -216,14 +216,14 @@ def _work(data: PointData, strain: Stresses) -> np.ndarray:
 
 
 def point_data(
-    setting: BoundData,
+    bound_data: BoundData,
     state: State,
     trace: np.ndarray,
     deviator: np.ndarray,
     parts: int,
 ) -> tuple[PointData, Stresses]:
     """Law, state and eps(z) for each part of each cell, order one."""
-    law = setting.discrete.law
+    law = bound_data.discrete.law
 
     def spread(values: np.ndarray) -> np.ndarray:
         """The same for all parts of a cell."""
@@ -241,22 +241,22 @@ def point_data(
 
 
 def varying_data(
-    setting: BoundData,
+    bound_data: BoundData,
     state: State,
     stresses: tuple[np.ndarray, np.ndarray],
     strain: tuple[np.ndarray, np.ndarray],
     parts: tuple[np.ndarray, np.ndarray],
 ) -> VaryingData:
     """The same for order two: ``stresses`` tau and sigma^, eps(z), size and cell of the parts."""
-    law = setting.discrete.law
-    each = setting.each
+    law = bound_data.discrete.law
+    each = bound_data.each
     tau, sigma = stresses
     k = tau.shape[1]
     size, owner = parts
 
     def on_parts(values: np.ndarray) -> np.ndarray:
         """Coefficients of affine functions, which are given at the points."""
-        at_nodes = np.matmul(TO_NODES[each], setting.at_corners(values))
+        at_nodes = np.matmul(TO_NODES[each], bound_data.at_corners(values))
         return coefficients(at_nodes.reshape(len(size), k, -1))
 
     names = ("bulk", "two_mu", "hardening", "beta")

@@ -30,7 +30,7 @@ RINGS = 9  # rings of triangles around these that take part
 
 
 @dataclass(frozen=True, eq=False)
-class Dual:
+class StressFunctional:
     """int [phi*(sigma) - sigma : eps(u)] for stresses at the points of the Airy functions' space.
 
     ``strain`` is eps(u) in in-plane coordinates at one point or all of them, shape (nt, ., 3).
@@ -40,9 +40,9 @@ class Dual:
     conjugate: Conjugate
     strain: np.ndarray
 
-    def of(self, chosen: np.ndarray | slice) -> Dual:
+    def of(self, chosen: np.ndarray | slice) -> StressFunctional:
         """The integral over some of the triangles."""
-        return Dual(
+        return StressFunctional(
             self.space.of(chosen), self.conjugate.of(chosen), self.strain[chosen]
         )
 
@@ -53,15 +53,15 @@ class Dual:
         return self.space.area * ((self.conjugate.sought(at) - work) @ weights)
 
 
-class Quadratic:
+class TangentCompliance:
     """1/2 z . H z, the compliance of a tangent, in the place of phi*: (cells, points, c, c)."""
 
     def __init__(self, compliance: np.ndarray) -> None:
         self._compliance = compliance
 
-    def of(self, cells: np.ndarray | slice) -> Quadratic:
+    def of(self, cells: np.ndarray | slice) -> TangentCompliance:
         """The same on some of the cells."""
-        return Quadratic(self._compliance[cells])
+        return TangentCompliance(self._compliance[cells])
 
     def completed(self, z: np.ndarray) -> Completed:
         """The stress; nothing yields."""
@@ -84,19 +84,19 @@ class Quadratic:
 OF_MODEL = ("centre", "_values", "_gradient", "compliance", "_yields")
 
 
-class Model:
+class SecondOrderModel:
     """The dual functional to second order around stresses at one point or all, (nt, ., 3)."""
 
-    def __init__(self, dual: Dual, centre: np.ndarray) -> None:
-        at = dual.conjugate.completed(centre)
-        self.space = dual.space
+    def __init__(self, functional: StressFunctional, centre: np.ndarray) -> None:
+        at = functional.conjugate.completed(centre)
+        self.space = functional.space
         self.centre = centre
-        self._values = dual.values(centre, at)
-        self._gradient = dual.conjugate.gradient(at) - dual.strain
-        self.compliance = dual.conjugate.compliance(at)
+        self._values = functional.values(centre, at)
+        self._gradient = functional.conjugate.gradient(at) - functional.strain
+        self.compliance = functional.conjugate.compliance(at)
         self._yields = (at.over > 0).any(axis=1)
 
-    def of(self, chosen: slice) -> Model:
+    def of(self, chosen: slice) -> SecondOrderModel:
         """The functional on some of the triangles."""
         result = sliced(self, chosen, OF_MODEL)
         result.space = self.space.of(chosen)
@@ -126,11 +126,11 @@ class Model:
             forces[cells] = part.space.forces(slope)
         return value, -self.space.gathered(forces)
 
-    def missed(self, dual: Dual, z: np.ndarray) -> np.ndarray:
+    def remainder(self, functional: StressFunctional, z: np.ndarray) -> np.ndarray:
         """The functional less the model on each triangle: zero where none yields."""
         result = np.zeros(len(z))
         for cells in portions(len(z)):
-            whole = dual.of(cells)
+            whole = functional.of(cells)
             part = self.of(cells)
             at = whole.conjugate.completed(z[cells])
             if part._yields.any() or at.over.any():
@@ -145,7 +145,7 @@ class Model:
 
 
 def tightened(
-    dual: Dual,
+    functional: StressFunctional,
     cells: Simplices,
     z: np.ndarray,
     centre: np.ndarray,
@@ -157,13 +157,13 @@ def tightened(
     Search begins at the admissible stress ``z`` (nt, points, 3), tangents at the stress ``centre``
     of the discrete solution, at one point or all (nt, ., 3); ``rest`` is the bound less ``dual``.
     """
-    system = TwoLevels(dual.space, cells)
+    system = TwoLevels(functional.space, cells)
     there = slice(None)
-    part = dual
+    part = functional
     gain = effort.gain
     bound = rest
     for step in range(effort.newton + 1):
-        model = Model(part, centre)
+        model = SecondOrderModel(part, centre)
         system.update(part.space.stiffness(model.compliance), model.forces, there)
         value, right = model.linearised(z[there])
         if step == 0:
@@ -173,25 +173,30 @@ def tightened(
         z[there] = z[there] + change if step == 0 else descended(part, z[there], change)
         if step == effort.newton:
             break
-        missed = model.missed(part, z[there])
-        bound = promised + missed.sum()
+        remainder = model.remainder(part, z[there])
+        bound = promised + remainder.sum()
         gain = LOCALLY * effort.gain
-        if missed.sum() <= effort.trust * bound:
+        if remainder.sum() <= effort.trust * bound:
             break
-        worst = np.arange(len(z))[there][marked(np.abs(missed), BROKEN)]
+        worst = np.arange(len(z))[there][marked(np.abs(remainder), BROKEN)]
         there = cells.around(worst, RINGS)
-        part = dual.of(there)
+        part = functional.of(there)
         centre = z[there]
     return z
 
 
-def descended(dual: Dual, z: np.ndarray, step: np.ndarray) -> np.ndarray:
+def descended(
+    functional: StressFunctional, z: np.ndarray, step: np.ndarray
+) -> np.ndarray:
     """Z plus the longest of the parts 1, 1/2, 1/4, ... of the step that lowers the value."""
     length = 1.0
-    value = dual.values(z, dual.conjugate.completed(z)).sum()
+    value = functional.values(z, functional.conjugate.completed(z)).sum()
     while length > SHORTEST:
         trial = z + length * step
-        if dual.values(trial, dual.conjugate.completed(trial)).sum() <= value:
+        if (
+            functional.values(trial, functional.conjugate.completed(trial)).sum()
+            <= value
+        ):
             return trial
         length /= 2
     return z
@@ -223,10 +228,12 @@ class PlaneBoundData(BoundData):
         """An admissible stress with a small bound, at points, and its pressure P."""
         moments, forces = self.loads(state, P)
         stress = self.balanced(state, tangent, forces)
-        dual = Dual(self.space, self.conjugate, self.strain(state))
+        functional = StressFunctional(self.space, self.conjugate, self.strain(state))
         rest = float(self.phi(state).sum() + self.contact.gaps(state, P).sum())
         z = self.admissible(stress, moments)
-        z = tightened(dual, self.cells, z, self.on_parts(stress), rest, self.effort)
+        z = tightened(
+            functional, self.cells, z, self.on_parts(stress), rest, self.effort
+        )
         at_points = z if self.problem.order == 2 else z.mean(axis=1, keepdims=True)
         return self.space.at_nodes(z), at_points, P
 
@@ -247,7 +254,9 @@ class PlaneBoundData(BoundData):
         at = self.conjugate.completed(self.on_parts(self.stress(state)))
         compliance = self.conjugate.compliance(at)
         strain = stress_coordinates(*self.discrete.points.strain(z), 0.0)
-        dual = Dual(self.space, Quadratic(compliance), self.on_parts(strain))
+        functional = StressFunctional(
+            self.space, TangentCompliance(compliance), self.on_parts(strain)
+        )
         wanted = stress_coordinates(
             *tangent.moduli.stress(*self.discrete.points.strain(z))
         )
@@ -255,9 +264,13 @@ class PlaneBoundData(BoundData):
         rest = self.discrete.points.integral(work) / 2
         tau = self.admissible(stress, moments)
         effort = Effort(newton=0, gain=ADJOINT_GAIN, steps=40)
-        tau = tightened(dual, self.cells, tau, self.on_parts(stress), rest, effort)
-        missed = dual.values(tau, dual.conjugate.completed(tau)).sum() + rest
-        return self.space.at_nodes(tau), float(missed)
+        tau = tightened(
+            functional, self.cells, tau, self.on_parts(stress), rest, effort
+        )
+        remainder = (
+            functional.values(tau, functional.conjugate.completed(tau)).sum() + rest
+        )
+        return self.space.at_nodes(tau), float(remainder)
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).

@@ -81,16 +81,16 @@ def write_receipt(result: ExactResult, path: str | Path) -> tuple[float, float]:
     path = require_path("path", path, ".npz")
     require_covered(result.problem, "a receipt", COVERS)
     check_writable(path)
-    setting = bound_data_of(result.discrete)
-    tangent = Factors(setting.discrete, "sparsecholesky")
-    bound = bound_of_state(setting, state_of(setting.discrete, result), tangent)
-    check_written(setting, bound)
-    arrays = receipt_arrays(setting, bound)
+    bound_data = bound_data_of(result.discrete)
+    tangent = Factors(bound_data.discrete, "sparsecholesky")
+    bound = bound_of_state(bound_data, state_of(bound_data.discrete, result), tangent)
+    check_written(bound_data, bound)
+    arrays = receipt_arrays(bound_data, bound)
     header = {
         "format": FORMAT,
         "made by": f"ngepc {__version__}",
-        "kinematics": setting.problem.kinematics.name,
-        "order": setting.problem.order,
+        "kinematics": bound_data.problem.kinematics.name,
+        "order": bound_data.problem.order,
         "resolution": RESOLVED * bound.total,
     }
     lower, upper = interval(arrays, header)
@@ -100,55 +100,57 @@ def write_receipt(result: ExactResult, path: str | Path) -> tuple[float, float]:
     return header["lower"], header["upper"]
 
 
-def check_written(setting: BoundData, bound: ErrorBound) -> None:
+def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
     """Refuse problems without a receipt with a ValueError that names the argument."""
-    law = setting.discrete.law
-    if setting.lower is not None:
+    law = bound_data.discrete.law
+    if bound_data.lower is not None:
         raise ValueError("order=2: a receipt in three dimensions needs order=1")
     if not bound.guaranteed:
         raise ValueError(f"result: a receipt needs a proved bound. {bound.message}")
-    if setting.carried.left.any():
+    if bound_data.carried.left.any():
         raise ValueError(
             "body_force, traction: a receipt needs a body force that is constant on "
             "elements and tractions that are affine"
         )
-    gap = np.abs(setting.boundary.gap) * setting.contact.measure[:, None]
-    if np.abs(setting.boundary.excess).max(initial=0.0) > CONSTANT * gap.max(initial=0):
+    gap = np.abs(bound_data.boundary.gap) * bound_data.contact.measure[:, None]
+    if np.abs(bound_data.boundary.excess).max(initial=0.0) > CONSTANT * gap.max(
+        initial=0
+    ):
         raise ValueError("gap: a receipt needs an obstacle that is affine on facets")
     for name, values in (
         ("initial_hardening", law.back),
         ("initial_plastic_strain", law.initial),
         ("initial_hardening (alpha_1)", law.beta[:, None]),
     ):
-        by_cell = values.reshape(-1, setting.each, values.shape[1])
+        by_cell = values.reshape(-1, bound_data.each, values.shape[1])
         if np.ptp(by_cell, axis=1).any():
             raise ValueError(f"{name}: a receipt needs one value on each element")
 
 
-def receipt_arrays(setting: BoundData, bound: ErrorBound) -> dict[str, np.ndarray]:
+def receipt_arrays(bound_data: BoundData, bound: ErrorBound) -> dict[str, np.ndarray]:
     """The arrays of the file."""
-    parts = PartedMesh(setting)
-    u = parts.displacement(clear_state(setting, bound.state))
-    stress = stress_coefficients(setting, bound)
-    boundary = boundary_arrays(setting, bound, u)
+    parts = PartedMesh(bound_data)
+    u = parts.displacement(clear_state(bound_data, bound.state))
+    stress = stress_coefficients(bound_data, bound)
+    boundary = boundary_arrays(bound_data, bound, u)
     nodes = parts.side_nodes(boundary["boundary"])
     held = np.repeat(boundary["held"][:, None], nodes.shape[1], axis=1)
     side, place, component = np.nonzero(held)
     u[nodes[side, place], component] = boundary["prescribed"][held]
     mesh = {"points": parts.points, "cells": parts.cells, "u": u}
     stress = {"stress": parts.turned(stress)}
-    return mesh | stress | material_arrays(setting) | boundary
+    return mesh | stress | material_arrays(bound_data) | boundary
 
 
-def clear_state(setting: BoundData, state: State) -> np.ndarray:
+def clear_state(bound_data: BoundData, state: State) -> np.ndarray:
     """Displacements (nodes, N) that clear the obstacle in spite of rounding.
 
     Vertices that supports hold stay where they are.
     """
-    contact = copy(setting.contact)
-    contact.boundary = copy(setting.boundary)
-    N = setting.cells.N
-    free = setting.discrete.supports.free[contact.nodes[:, :N]]
+    contact = copy(bound_data.contact)
+    contact.boundary = copy(bound_data.boundary)
+    N = bound_data.cells.N
+    free = bound_data.discrete.supports.free[contact.nodes[:, :N]]
     normal = np.where(free, contact.normal[:, None], 0.0)
     moves = np.einsum("eac,eac->ea", normal, normal) > LEVEL
     clearance = CLEARANCE * np.abs(state.u).max(initial=0.0)
@@ -163,9 +165,9 @@ class PartedMesh:
     with order two followed by numbers of the edges opposite to them.
     """
 
-    def __init__(self, setting: BoundData) -> None:
-        c = setting.cells
-        self.setting = setting
+    def __init__(self, bound_data: BoundData) -> None:
+        c = bound_data.cells
+        self.bound_data = bound_data
         count = len(c.points)
         centres = c.points[c.nodes].mean(axis=1)
         self.points = np.concatenate([c.points, centres])
@@ -175,7 +177,7 @@ class PartedMesh:
         corners = np.concatenate([sides, middle], axis=2).reshape(-1, c.N + 1)
         self._order = corners.argsort(axis=1)
         self.cells = np.take_along_axis(corners, self._order, axis=1)
-        if setting.problem.order == 2:
+        if bound_data.problem.order == 2:
             a = self.cells[:, [1, 0, 0]]
             b = self.cells[:, [2, 2, 1]]
             keys = self._key(a, b)
@@ -189,7 +191,7 @@ class PartedMesh:
 
     def side_nodes(self, sides: np.ndarray) -> np.ndarray:
         """The nodes of sides with ascending vertices: these, with order two the edge."""
-        if self.setting.problem.order == 1:
+        if self.bound_data.problem.order == 1:
             return sides
         edge = np.searchsorted(self._edges, self._key(sides[:, 0], sides[:, 1]))
         return np.column_stack([sides, len(self.points) + edge])
@@ -204,12 +206,12 @@ class PartedMesh:
 
     def displacement(self, u: np.ndarray) -> np.ndarray:
         """Coefficients at the nodes from nodal displacements of the discrete problem."""
-        c = self.setting.cells
+        c = self.bound_data.cells
         at_vertices = u[c.nodes]
         vertices = u[: len(c.points)]
-        if self.setting.problem.order == 1:
+        if self.bound_data.problem.order == 1:
             return np.concatenate([vertices, at_vertices.mean(axis=1)])
-        nodes = self.setting.discrete.points.blocks[0].nodes
+        nodes = self.bound_data.discrete.points.blocks[0].nodes
         values = np.zeros((len(self._edges), c.N))
         to_centre = np.zeros((len(nodes), 3, c.N))
         centre = np.zeros((len(nodes), c.N))
@@ -230,10 +232,10 @@ class PartedMesh:
         return np.concatenate([vertices, centre, values])
 
 
-def stress_coefficients(setting: BoundData, bound: ErrorBound) -> np.ndarray:
+def stress_coefficients(bound_data: BoundData, bound: ErrorBound) -> np.ndarray:
     """The stress on the parts of the cells, (parts, k, n, n)."""
-    at = setting.at_nodes.completed(bound.admissible)
-    basis = setting.problem.kinematics.basis
+    at = bound_data.at_nodes.completed(bound.admissible)
+    basis = bound_data.problem.kinematics.basis
     S = np.einsum("tqd,dij->tqij", at.deviator, basis)
     S += at.mean[..., None, None] * np.eye(basis.shape[1])
     k = NODES[S.shape[1]]
@@ -241,23 +243,23 @@ def stress_coefficients(setting: BoundData, bound: ErrorBound) -> np.ndarray:
     return coefficients(values).reshape(-1, k, *basis.shape[1:])
 
 
-def material_arrays(setting: BoundData) -> dict[str, np.ndarray]:
+def material_arrays(bound_data: BoundData) -> dict[str, np.ndarray]:
     """Material, history and body force of each part."""
-    law = setting.discrete.law
-    points = setting.discrete.points
-    problem = setting.problem
-    parts = setting.cells.N + 1
+    law = bound_data.discrete.law
+    points = bound_data.discrete.points
+    problem = bound_data.problem
+    parts = bound_data.cells.N + 1
     basis = problem.kinematics.basis
 
     def spread(values: np.ndarray) -> np.ndarray:
         """One value for each part from one for each point."""
-        return np.repeat(np.asarray(values)[:: setting.each], parts, axis=0)
+        return np.repeat(np.asarray(values)[:: bound_data.each], parts, axis=0)
 
     def tensors(values: np.ndarray) -> np.ndarray:
         """Deviatoric coordinates at points as tensors for each part."""
         return np.einsum("td,dij->tij", spread(values), basis)[:, None]
 
-    force = np.zeros((len(setting.cells.nodes), problem.N))
+    force = np.zeros((len(bound_data.cells.nodes), problem.N))
     if problem.f is not None:
         shape = ET.TRIG if problem.N == 2 else ET.TET
         places = problem.mesh.MapToAllElements({shape: _CENTRE[problem.N]}, VOL)
@@ -274,17 +276,19 @@ def material_arrays(setting: BoundData) -> dict[str, np.ndarray]:
 
 
 def boundary_arrays(
-    setting: BoundData, bound: ErrorBound, u: np.ndarray
+    bound_data: BoundData, bound: ErrorBound, u: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Supports, tractions, obstacle and pressure of the outer facets, ascending."""
-    boundary = setting.boundary
-    c = setting.cells
+    boundary = bound_data.boundary
+    c = bound_data.cells
     facets = c.facets
     N = c.N
-    names = tuple(setting.problem.tractions)
+    names = tuple(bound_data.problem.tractions)
     on = boundary.on(names, "traction")
     default = CF((0.0,) * N)
-    g = setting.problem.mesh.BoundaryCF(setting.problem.tractions, default=default)
+    g = bound_data.problem.mesh.BoundaryCF(
+        bound_data.problem.tractions, default=default
+    )
     traction = np.zeros((len(facets), N, N))
     traction[boundary.facet[on]] = boundary.at_vertices(boundary.values(g, on), on)
     gap = np.zeros((len(facets), N))
@@ -295,7 +299,7 @@ def boundary_arrays(
     contact[boundary.contact] = True
     held = ~boundary.given & c.outer[:, None]
     prescribed = np.where(held[:, None], u[facets], 0.0)
-    order = setting.problem.order
+    order = bound_data.problem.order
     arrays = {
         "prescribed": elevated(prescribed, order),
         "traction": elevated(traction, order),

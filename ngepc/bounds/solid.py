@@ -286,7 +286,7 @@ class SolidBoundData(BoundData):
         faces.closed[slots] = closed[:, :, None] * normals
         b = self.loads(state, P)[0].reshape(-1, 3) - self.cells.sums(own)
         start = np.zeros(faces.free.shape)
-        left = self.contact.affine_room(state.u)
+        left = self.contact.affine_slack(state.u)
         start[slots] = (closed * left)[:, :, None] * normals
         found = self.displacements(tangent, b, LOOSER * self.effort.gain, (start, 0.0))
         faces.closed = None

@@ -175,7 +175,7 @@ class Sampled:
         return self.shaped(dots(self.tau.deviator + factor * sigma, strain))
 
 
-def likely_integrals(data: VaryingData, factor: float) -> np.ndarray:
+def estimated_integrals(data: VaryingData, factor: float) -> np.ndarray:
     """The integrals of the supremum over the parts by a rule."""
     at = data.at(RULE[data.k])
     return data.size * ((at.means(factor) + at.deviators(factor)[0]) @ WEIGHTS[data.k])
@@ -186,7 +186,7 @@ def integrals(data: VaryingData, factor: float, count: int) -> np.ndarray:
 
     For the integral of eps(z) : s(eps_h) they use the rule of ``RULE``.
     """
-    allowed = WORTH * likely_integrals(data, factor).sum() / len(data.size)
+    allowed = WORTH * estimated_integrals(data, factor).sum() / len(data.size)
     result = np.zeros(count)
     for part in portions(len(data.size), PORTION):
         chosen = data.of(part)
@@ -208,12 +208,12 @@ def _of_deviators(
         found, smooth = at.deviators(factor)
         convex = found + at.products(factor) - at.work()
         rule = data.at(RULE[k])
-        likely = rule.deviators(factor)[0] - rule.work()
-        likely = data.size * (likely @ WEIGHTS[k])
+        estimate = rule.deviators(factor)[0] - rule.work()
+        estimate = data.size * (estimate @ WEIGHTS[k])
         products = rule.products(factor) @ WEIGHTS[k]
         bound = data.size * (convex.mean(axis=1) - products)
-        bound = np.where(smooth.all(axis=1), likely, bound)
-        kept = bound - likely <= allowed
+        bound = np.where(smooth.all(axis=1), estimate, bound)
+        kept = bound - estimate <= allowed
         if level == SPLITS[k]:
             kept[:] = True
         result += np.bincount(data.owner[kept], bound[kept], minlength=count)

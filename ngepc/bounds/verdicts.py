@@ -178,11 +178,11 @@ def _of_history(history: Any) -> str:
     start = (
         "Guaranteed: the" if distance.guaranteed else "Estimate, not guaranteed: the"
     )
-    said = (
+    text = (
         f"{start} stress after the last step is off by {at_most_percent(part)} at most, in the "
         "energy norm, from that of the continuous problem with the same increments."
     )
-    return " ".join(filter(None, [said, distance.message]))
+    return " ".join(filter(None, [text, distance.message]))
 
 
 def _estimated(result: object, problem: Problem, reason: str) -> str:

@@ -83,7 +83,7 @@ def with_contact(
     return change, found + springs * conditions.displacement(change)
 
 
-def rival(
+def several_solutions(
     here: Iterate,
     solve: Solve,
     most: int,
@@ -99,8 +99,8 @@ def rival(
     """
     conditions = here.body.contact
     cone = conditions.friction
-    rubs = (cone.coefficient > 0) & (cone.cap > 0) & ~cone.given
-    if not conditions.processes.any(rubs):
+    with_friction = (cone.coefficient > 0) & (cone.cap > 0) & ~cone.given
+    if not conditions.processes.any(with_friction):
         return False, ""
 
     def compliance(d: np.ndarray) -> np.ndarray:
@@ -160,7 +160,9 @@ def _other_forces(
     S = np.array([compliance(e)[chosen] for e in unit])
     sizes = S.diagonal().copy()
     rigid = here.body.floating.compliance[chosen]
-    return cone.of(rows).rival(S, here.gaps[chosen], here.contact[chosen], sizes, rigid)
+    return cone.of(rows).several_solutions(
+        S, here.gaps[chosen], here.contact[chosen], sizes, rigid
+    )
 
 
 def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
@@ -186,8 +188,10 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
             spread = (1 - values[-1]) / (1 - values[0])
             if not (spread > 0 and np.isfinite(size)):
                 return False
-            chance = 1.648 * np.sqrt(len(g)) * np.exp(-(2 * k - 1) * np.sqrt(spread))
-            if chance <= DOUBT or size <= EXHAUSTED:
+            probability = (
+                1.648 * np.sqrt(len(g)) * np.exp(-(2 * k - 1) * np.sqrt(spread))
+            )
+            if probability <= DOUBT or size <= EXHAUSTED:
                 return True
             T[k, k - 1] = T[k - 1, k] = size
         v = d / size

@@ -86,7 +86,7 @@ class FacetNodes:
         result[edges.stop :] = np.arange(edges.stop, len(result))  # the centre
         return result
 
-    def missed(self) -> tuple[IntegrationRule, np.ndarray]:
+    def check_points(self) -> tuple[IntegrationRule, np.ndarray]:
         """Points at which the interpolating polynomial is compared with its data.
 
         They are at a quarter of the way from one node to another, within what makes a coefficient;

@@ -71,9 +71,9 @@ class HillLaw(Law):
         along = self._values * self._turned(s) ** 2
         low = self.resistance.gained_at(size, modulus * self._values[:, -1])
         high = self.resistance.gained_at(size, modulus * self._values[:, 0])
-        endless = ~np.isfinite(high)
-        low = np.where(endless, 0.0, low)
-        high = np.where(endless, 0.0, high)
+        unbounded = ~np.isfinite(high)
+        low = np.where(unbounded, 0.0, low)
+        high = np.where(unbounded, 0.0, high)
         g = low
         for _ in range(STEPS):
             stretched = self._stretched(modulus, g)
@@ -88,7 +88,7 @@ class HillLaw(Law):
             newton = g + excess / np.where(slope > 0, slope, 1.0)
             good = (low < newton) & (newton < high)
             g = np.where(done, g, np.where(good, newton, 0.5 * (low + high)))
-        return np.where(endless, np.inf, g)
+        return np.where(unbounded, np.inf, g)
 
     def _normal(
         self, s: np.ndarray, modulus: np.ndarray, gained: np.ndarray

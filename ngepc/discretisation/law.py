@@ -122,7 +122,7 @@ class Law(ABC):
         """The moduli where nothing yields."""
         zero = np.zeros_like(self.two_mu)
         direction = np.zeros((len(zero), self.back.shape[1]))
-        return self.softened(Moduli(self.bulk, self.two_mu, zero, direction))
+        return self.condensed(Moduli(self.bulk, self.two_mu, zero, direction))
 
     # the yield surface, defined by subclasses
 
@@ -261,14 +261,14 @@ class Law(ABC):
 
     def moduli(self, at: Return, w: np.ndarray) -> Moduli:
         """``closed_moduli`` of the components of the strain that are not free."""
-        return self.softened(self.closed_moduli(at, w))
+        return self.condensed(self.closed_moduli(at, w))
 
     def linearised(
         self, at: Return, w: np.ndarray, volume: np.ndarray, e: np.ndarray
     ) -> np.ndarray:
         """w + dw for a change of the strain, its trace and its deviator."""
         if self.across is not None:
-            _, e = self.opened(self.closed_moduli(at, w), volume, e)
+            _, e = self.with_free_component(self.closed_moduli(at, w), volume, e)
         return self.moved(at, w, self.two_mu[:, None] * e)
 
     # free components of the strain
@@ -278,7 +278,7 @@ class Law(ABC):
         n = np.broadcast_to(self.across, moduli.direction.shape)
         return moduli.bulk + moduli(n) @ self.across
 
-    def opened(
+    def with_free_component(
         self, moduli: Moduli, volume: np.ndarray, e: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """A change of strain, completed by the free component for which its stress stays zero."""
@@ -289,7 +289,7 @@ class Law(ABC):
         z = -stress / self.stiffness_across(moduli)
         return volume + z, e + z[:, None] * self.across
 
-    def softened(self, moduli: Moduli) -> Moduli:
+    def condensed(self, moduli: Moduli) -> Moduli:
         """The moduli of the other components where one is free, a Schur complement."""
         if self.across is None:
             return moduli

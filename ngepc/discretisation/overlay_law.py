@@ -46,8 +46,8 @@ class OverlayLaw(Law):
         overlay = problem.material.overlay
         self.shares = overlay.shares
         bounds = list(overlay.bounds)
-        if overlay.spare:
-            self.shares = (*self.shares, overlay.spare)
+        if overlay.elastic_share:
+            self.shares = (*self.shares, overlay.elastic_share)
             bounds.append(NEVER * float(self.two_mu.max()))
         radial = VonMisesLaw(problem, points)
         bounded = zip(self.shares, bounds, strict=True)

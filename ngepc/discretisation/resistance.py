@@ -62,17 +62,17 @@ class Resistance:
     def of(self, points: np.ndarray | slice) -> Resistance:
         """The same at some of the points."""
 
-        def there(value: float | np.ndarray) -> float | np.ndarray:
+        def at_points(value: float | np.ndarray) -> float | np.ndarray:
             """A datum at the chosen points."""
             return value[points] if np.ndim(value) else value
 
         return replace(
             self,
             beta=self.beta[points],
-            isotropic=None if self.isotropic is None else self.isotropic.at(there),
+            isotropic=None if self.isotropic is None else self.isotropic.at(at_points),
             accumulated=self.accumulated[points],
-            rate=None if self.rate is None else self.rate.at(there),
-            linear=there(self.linear),
+            rate=None if self.rate is None else self.rate.at(at_points),
+            linear=at_points(self.linear),
         )
 
     def with_law(self, isotropic: HardeningLaw | None) -> Resistance:

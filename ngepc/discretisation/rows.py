@@ -423,7 +423,7 @@ def _least(
 ) -> np.ndarray:
     """Least coefficients of a gap that jumps, -inf elsewhere, from its values (facets, k)."""
     mesh = problem.mesh
-    rule, owners = facet.missed()
+    rule, owners = facet.check_points()
     at = mesh.MapToAllElements({facet.shape: rule}, mesh.Boundaries(name))
     between = np.ravel(problem.gaps[name](at)).reshape(len(gap), -1)
     coefficients = gap @ facet.coefficients.T

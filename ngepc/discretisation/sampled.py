@@ -58,9 +58,9 @@ def what_is_unseen(problem: Problem, scanned: Collection[str] | None = LOADS) ->
     names = sampled_data(problem)
     if not names:
         return ""
-    told = [f"{name} ({_seen_at(problem, name, scanned)})" for name in names]
+    texts = [f"{name} ({_seen_at(problem, name, scanned)})" for name in names]
     return (
-        f"Data known from samples only: {', '.join(told)}. "
+        f"Data known from samples only: {', '.join(texts)}. "
         "Variations between the samples can be missed."
     )
 

@@ -132,11 +132,11 @@ class PathStore:
                     f"checkpoint {self._path}: there is no such folder"
                 )
             check_writable(self._path)
-            told = asdict(replace(options, max_outer_iterations=1)) | {
+            settings = asdict(replace(options, max_outer_iterations=1)) | {
                 "spaces": repr(spaces)
             }
-            told["newton"]["max_iterations"] = 1
-            self._fingerprint = checkpoint.work_fingerprint("path", problem, **told)
+            settings["newton"]["max_iterations"] = 1
+            self._fingerprint = checkpoint.work_fingerprint("path", problem, **settings)
 
     def load(self) -> tuple[list[PathStep], dict]:
         """The steps on disk, and the arguments that restore the last result; none without a file.
@@ -169,8 +169,8 @@ class PathStore:
     def save(self, steps: list[PathStep], last: DualResult) -> None:
         """Write the steps and the last result atomically, if it has converged."""
         if self._path is not None and last.status is Status.CONVERGED:
-            told = [asdict(step) | {"status": step.status.name} for step in steps]
-            record = {"steps": told, "history": last.history.as_rows()}
+            records = [asdict(step) | {"status": step.status.name} for step in steps]
+            record = {"steps": records, "history": last.history.as_rows()}
             checkpoint.save(
                 self._path, self._fingerprint, record, {"v": last.v.FV().NumPy()}
             )

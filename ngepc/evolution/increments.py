@@ -117,10 +117,10 @@ class Increments:
             evolution.message = f"After {len(evolution.steps)} steps."
             return
         if self.too_coarse > self.accuracy:
-            told = f"the time error is still about {self.too_coarse:.2g}"
+            reason = f"the time error is still about {self.too_coarse:.2g}"
             evolution.status = Status.STEP_LIMIT
             evolution.message = (
-                f"After {self.most_halvings} halvings of a step {told}, "
+                f"After {self.most_halvings} halvings of a step {reason}, "
                 f"accuracy={self.accuracy:g} was asked for."
             )
 

@@ -156,8 +156,8 @@ class Schedule:
         legal = [f.name for f in fields(Problem) if f.name not in CARRIED]
         for name in changes:
             if name not in legal:
-                told = f"changes at time {time:g} name {name!r}"
-                raise ValueError(f"{told}: a step can change {', '.join(legal)}")
+                prefix = f"changes at time {time:g} name {name!r}"
+                raise ValueError(f"{prefix}: a step can change {', '.join(legal)}")
         return changes
 
 

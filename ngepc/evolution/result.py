@@ -431,8 +431,8 @@ class Evolution(Ending):
 
         None where no accuracy was asked for.
         """
-        told = [error for error in self.column("time_error") if error is not None]
-        return max(told, default=None)
+        estimates = [error for error in self.column("time_error") if error is not None]
+        return max(estimates, default=None)
 
     @property
     def times(self) -> list[float]:
@@ -464,15 +464,16 @@ class Evolution(Ending):
         ValueError
             If a step has no such support.
         """
-        told = self.column("reactions")
-        for time, forces in zip(self.times, told, strict=True):
+        forces_of_steps = self.column("reactions")
+        for time, forces in zip(self.times, forces_of_steps, strict=True):
             if support not in forces:
                 known = f"the reactions of {', '.join(sorted(forces)) or 'none'}"
                 raise ValueError(
                     f"support={support!r}: the step to time {time:g} has {known}"
                 )
         return np.reshape(
-            [forces[support] for forces in told], (len(told), self.problem.N)
+            [forces[support] for forces in forces_of_steps],
+            (len(forces_of_steps), self.problem.N),
         )
 
 
@@ -489,7 +490,7 @@ class EvolutionFile:
         self._processes = problem.processes
         self._rows = []
         name = getattr(solver, "__qualname__", type(solver).__qualname__)
-        told = {
+        settings = {
             "times": list(schedule.times),
             "solver": name,
             "keeps": "forces of contact",
@@ -498,10 +499,10 @@ class EvolutionFile:
             path = path.with_name(
                 f"{path.stem}_{self._processes.rank:04d}{path.suffix}"
             )
-            told["processes"] = self._processes.size
+            settings["processes"] = self._processes.size
         self._processes.together(partial(check_writable, path))
         self.path = path
-        self.fingerprint = work_fingerprint("evolution", problem, **told)
+        self.fingerprint = work_fingerprint("evolution", problem, **settings)
 
     def load(self) -> tuple[list[tuple[dict, dict]], list[tuple[float, int]]]:
         """Rows and arrays of the steps of an earlier run, and the pending steps.

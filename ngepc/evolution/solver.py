@@ -385,12 +385,12 @@ class _Run:
         mesh, parents = next_mesh(old, bound.per_cell, part, self.refinement)
         share = f"{bound.relative:.2g}"
         asked = f"{self.error:g}"
-        told = (
+        reason = (
             f"the bound of the energy error is {share} on {old.nv} nodes, error={asked}"
         )
         if mesh.nv > most:
-            return f"{told}; the next mesh has {mesh.nv} nodes, max_nodes={most}."
-        log.info("step to time %g: %s, refined to %d nodes", time, told, mesh.nv)
+            return f"{reason}; the next mesh has {mesh.nv} nodes, max_nodes={most}."
+        log.info("step to time %g: %s, refined to %d nodes", time, reason, mesh.nv)
         self.problem = on_mesh(self.problem, mesh, parents)
         self.evolution.memory = self.evolution.memory.on(self.problem, parents)
         return ""

@@ -214,11 +214,11 @@ class ContinuousVelocities:
             data.friction[facets],
         ).ravel()
         push = self._applied(matrix[normal])
-        rubs = cost > 0
-        if not rubs.any():
+        with_friction = cost > 0
+        if not with_friction.any():
             return push, []
-        along = self._applied(matrix[~normal][rubs])
-        return push, [DissipatedPart(along, 1, cost[rubs])]
+        along = self._applied(matrix[~normal][with_friction])
+        return push, [DissipatedPart(along, 1, cost[with_friction])]
 
     def mechanism(self, solution: np.ndarray) -> Mechanism:
         """The admissible mechanism nearest to a solution, with its dissipation enclosed."""

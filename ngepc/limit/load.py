@@ -287,7 +287,7 @@ class Search:
     """The loop over meshes; only its records have units."""
 
     last: MeshBracket
-    asked: float
+    tolerance: float
 
     def __init__(self, mesh: Mesh, data: LimitData, shape: YieldShape) -> None:
         self.shape = shape
@@ -301,14 +301,14 @@ class Search:
 
     def run(
         self,
-        asked: float,
+        tolerance: float,
         max_cells: int,
         monitor: Callable[[LimitRecord], None] | None,
     ) -> LimitStatus:
         """Solve, and cut cells, until the bracket is as narrow as asked."""
-        self.asked = asked
+        self.tolerance = tolerance
         while True:
-            precision = min(COARSEST, PRECISE * asked)
+            precision = min(COARSEST, PRECISE * tolerance)
             self.last, self.centre = self.solved(precision)
             record = self.record()
             try:
@@ -319,7 +319,7 @@ class Search:
             if self.last.unlimited:
                 self.lower = self.upper = math.inf
                 return LimitStatus.UNLIMITED
-            if width_of(self.lower, self.upper) <= asked:
+            if width_of(self.lower, self.upper) <= tolerance:
                 return LimitStatus.REACHED
             if not self.refine(max_cells):
                 weak = self.centre is None
@@ -327,7 +327,7 @@ class Search:
 
     def solved(self, precision: float) -> tuple[MeshBracket, np.ndarray | None]:
         """Both bounds on the mesh, and the admissible point that the lower one starts from."""
-        within = FINISHED * self.asked
+        within = FINISHED * self.tolerance
         return bracket_on(self.data, self.shape, self.centre, precision, within)
 
     def carry(self, data: LimitData, parents: np.ndarray) -> None:
@@ -355,7 +355,7 @@ class Search:
         width = width_of(self.lower, self.upper)
         share = MARKING
         if math.isfinite(width):
-            aim = AIM * self.asked * (FINISHED if cells.N == 2 else 1.0)
+            aim = AIM * self.tolerance * (FINISHED if cells.N == 2 else 1.0)
             share = (1 - aim / width) / EXPECTED
             share = MARKING if share > ENOUGH else max(LEAST, share)
         chosen = marked(last.marks, share)

@@ -144,7 +144,7 @@ class FrictionCone:
         """b'(n), shape (m,): mu where b(n) = mu n, else zero."""
         return np.where(self.grows(n), self._slope, 0.0)
 
-    def rubs(self, closed: np.ndarray) -> np.ndarray:
+    def with_friction(self, closed: np.ndarray) -> np.ndarray:
         """The rows that friction acts on, from those that are closed, boolean of shape (m,)."""
         return closed | self.given
 
@@ -190,10 +190,12 @@ class FrictionCone:
         b/|y_t| (Id - e e') dy_t + b' e dy_n: by default those that slip by y.
         """
         beyond, e, b, size = self.slipping(y)
-        rubs = self.rubs(closed)
-        slips = rubs & (beyond if slips is None else slips)
+        with_friction = self.with_friction(closed)
+        slips = with_friction & (beyond if slips is None else slips)
         growth = np.where(slips, self.growth(y[: len(b)]), 0.0)
-        kept = np.where(slips, b, rubs) / np.where(slips, np.maximum(size, TINY), 1.0)
+        kept = np.where(slips, b, with_friction) / np.where(
+            slips, np.maximum(size, TINY), 1.0
+        )
         e_e = np.where(slips[:, None, None], e[:, :, None] * e[:, None, :], 0.0)
         blocks = np.zeros((len(b), 1 + self.d, 1 + self.d))
         blocks[:, 0, 0], blocks[:, 1:, 0] = closed, growth[:, None] * e
@@ -283,7 +285,7 @@ class FrictionCone:
         apart = found - forces
         return found[np.argsort(np.einsum("ki,ij,kj->k", apart, S, apart))]
 
-    def rival(
+    def other_forces(
         self,
         S: np.ndarray,
         gaps: np.ndarray,
@@ -395,16 +397,16 @@ class _Equation:
         W = self.W
         m = len(law.cap)
         closed = (self.trial(change)[:m] > 0) | law.tied
-        rubs = law.rubs(closed)
+        with_friction = law.with_friction(closed)
         opened = np.flatnonzero(~closed)
-        chosen = law.numbers(np.flatnonzero(rubs))
+        chosen = law.numbers(np.flatnonzero(with_friction))
         following = -self.forces
         following[chosen] = change[chosen]
         following[opened] = -self.forces[opened]
         slack = self.c * (self.gaps + W @ following)
         y = self.forces + following - slack
         one = np.eye(len(chosen))
-        blocks = law.slope(y, closed)[rubs]
+        blocks = law.slope(y, closed)[with_friction]
         compliance = self.c[chosen, None] * W.block(chosen)
         J = one - of_rows(blocks, one) + of_rows(blocks, compliance)
         residual = slack

@@ -54,12 +54,12 @@ class Rubbing(NamedTuple):
     ) -> Rubbing:
         """The linearised law of closed rows at y = x - c g; c is (m,), free tangents (m, d)."""
         slips, direction, bound, trial_size = cone.slipping(y)
-        rubs = cone.rubs(active)
+        with_friction = cone.with_friction(active)
         m = len(c)
         slope = cone.slope(y, active)
 
         # Rows that slip against a bound which does not grow with the pressure.
-        capped = rubs & slips & ~cone.grows(y[:m])
+        capped = with_friction & slips & ~cone.grows(y[:m])
         dragged = np.where(capped, bound, 0.0)[:, None] * direction
 
         # Along a tangent dt = G (dt + c ds) with G = bound / trial_size: dt = c G / (1 - G) ds.
@@ -67,7 +67,7 @@ class Rubbing(NamedTuple):
         stiffness = np.where(slips, c * trial_size / beyond, 0.0)
         turns = matrix_of_rows(stiffness[:, None, None] * slope)
 
-        sticks = (rubs & ~slips)[:, None] & free
+        sticks = (with_friction & ~slips)[:, None] & free
         return cls(sticks, dragged, slope[:, 1:, 0], turns[m:, m:])
 
 

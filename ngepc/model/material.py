@@ -160,8 +160,8 @@ class Material(Declared):
             **ways,
         }
         given |= {"kind": kind, "kinematic_share": kinematic_share, "rate": rate}
-        told = [(name, value) for name, value in given.items() if value is not None]
-        vars(metal)["given"] = tuple(told)
+        entries = [(name, value) for name, value in given.items() if value is not None]
+        vars(metal)["given"] = tuple(entries)
         return metal
 
     @classmethod
@@ -210,8 +210,8 @@ class Material(Declared):
         )
         given = {"young": young, "poisson": poisson, "curve": curve}
         given |= {"yield_stress": yield_stress}
-        told = [(name, value) for name, value in given.items() if value is not None]
-        vars(metal)["given"] = tuple(told)
+        entries = [(name, value) for name, value in given.items() if value is not None]
+        vars(metal)["given"] = tuple(entries)
         vars(metal)["constructor"] = "Material.cyclic"
         return metal
 

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from ngepc._deprecated import renamed
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Declared
 from ngepc.checks.kinds import require_sequence
@@ -70,8 +71,10 @@ class Overlay(Declared):
                 f"shares={shares!r}: a sum of at most 1 is needed, it is {sum(shares):g}"
             )
 
+    spare = renamed("spare", "elastic_share")
+
     @property
-    def spare(self) -> float:
+    def elastic_share(self) -> float:
         """The share that never yields (1)."""
         rest = 1 - sum(self.shares)
         return rest if rest > EXACT else 0.0
@@ -79,7 +82,7 @@ class Overlay(Declared):
     @property
     def count(self) -> int:
         """How many sub-elements there are, with the one that never yields."""
-        return len(self.shares) + (self.spare > 0)
+        return len(self.shares) + (self.elastic_share > 0)
 
     @classmethod
     def of_curve(cls, curve: Tabulated, lame_mu: float) -> Overlay:

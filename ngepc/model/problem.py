@@ -125,8 +125,8 @@ class Problem(ProblemData):
             if getattr(self, field.name) is not None
         }
         given["kinematics"] = self.kinematics.name
-        told = [f"{name}={_in_words(value)}" for name, value in given.items()]
-        return f"Problem({', '.join(told)})"
+        texts = [f"{name}={_in_words(value)}" for name, value in given.items()]
+        return f"Problem({', '.join(texts)})"
 
     @property
     def features(self) -> dict[str, tuple[str, object]]:

@@ -148,10 +148,10 @@ def plastic_data(
     """Fields of ``Material`` for the hardening that is given in one of several ways."""
     named = [name for name, value in ways.items() if value is not None]
     if len(named) != 1:
-        told = " and ".join(named) if named else "no hardening"
+        given_names = " and ".join(named) if named else "no hardening"
         needed = f"one of {', '.join(ways)} is needed"
         raise ValueError(
-            f"{told} given: {needed} (plastic_modulus=0: perfect plasticity)"
+            f"{given_names} given: {needed} (plastic_modulus=0: perfect plasticity)"
         )
     (name,) = named
     value = ways[name]

@@ -50,11 +50,11 @@ class RateLaw(Potential):
     def at(self, values: Callable[[Coefficient], np.ndarray]) -> RateLaw:
         """See ``Potential``; numbers stay numbers, for derivatives of powers at zero."""
 
-        def there(value: Coefficient) -> Coefficient | np.ndarray:
+        def at_points(value: Coefficient) -> Coefficient | np.ndarray:
             """A datum at the points, numbers as they are."""
             return value if is_number(value) else values(value)
 
-        return super().at(there)
+        return super().at(at_points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +93,12 @@ class Norton(RateLaw):
 
 def check_rate(law: RateLaw, mesh: Mesh) -> None:
     """Accept an overstress that is finite, 0 at rest and not decreasing."""
-    there = law.at(lambda value: require_field("rate", value, mesh))
-    before = there.stress(0.0)
+    at_points = law.at(lambda value: require_field("rate", value, mesh))
+    before = at_points.stress(0.0)
     if np.abs(before).max() > 0:
         raise ValueError(f"rate={law!r}: no overstress is needed at the rate 0")
     for x in RATES:
-        stress = there.stress(x)
+        stress = at_points.stress(x)
         if not np.min(stress - before) >= -1e-12 * np.max(stress):
             found = f"the overstress at the rate {x:g} is {np.min(stress):g}"
             raise ValueError(

@@ -61,14 +61,14 @@ class Quiz(tuple):
                 f"<p style='margin-top: 1em'>{html.escape(question['text'])}</p>"
             )
             for choice in sorted(question["choices"]):
-                said = (
+                text = (
                     f"Right. {question['why']}"
                     if choice == right
                     else "No. Try another."
                 )
                 choice = html.escape(choice)
-                said = html.escape(said)
-                parts.append(f"<details><summary>{choice}</summary>{said}</details>")
+                text = html.escape(text)
+                parts.append(f"<details><summary>{choice}</summary>{text}</details>")
         return "".join(parts)
 
 

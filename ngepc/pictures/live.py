@@ -178,7 +178,7 @@ class Laboratory:
         (*_, frame) = self.frames({})
         if frame["scene"] is None:
             raise ValueError(
-                f"problem at {self._position(self.start)}: {frame['said']}"
+                f"problem at {self._position(self.start)}: {frame['described']}"
             )
         return frame
 
@@ -188,8 +188,13 @@ class Laboratory:
     def _failed(self, why: str, values: Mapping[str, float]) -> dict:
         """The text that is shown if there is no solution: the reason."""
         caption = f"{self._position(values)}: no solution"
-        told = {"caption": caption, "said": why, "exact": True, "last": True}
-        return told | {"scene": None, "curves": [], "label": "", "values": dict(values)}
+        message = {"caption": caption, "said": why, "exact": True, "last": True}
+        return message | {
+            "scene": None,
+            "curves": [],
+            "label": "",
+            "values": dict(values),
+        }
 
     def _frame(
         self, result: ExactResult, values: Mapping[str, float], exact: bool
@@ -207,7 +212,7 @@ class Laboratory:
         return {
             "values": dict(values),
             "caption": caption,
-            "said": said(result) if exact else "",
+            "said": described(result) if exact else "",
             "exact": exact,
             "last": exact,
             "scene": scene,
@@ -319,7 +324,7 @@ class Laboratory:
         return server
 
 
-def said(result: ExactResult) -> str:
+def described(result: ExactResult) -> str:
     """A description of a solution: status, residual, duality gap, and its message."""
     gap = result.primal_energy + result.dual_energy
     parts = [

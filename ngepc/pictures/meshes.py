@@ -27,13 +27,13 @@ ROLES = ("traction", "pressure", "prescribed", "springs")
 
 
 @dataclass(frozen=True)
-class AtRest:
+class UndeformedMesh:
     """An undeformed mesh for pictures, in place of ``Fields``."""
 
     mesh: Mesh
 
     @property
-    def problem(self) -> AtRest:
+    def problem(self) -> UndeformedMesh:
         """The object itself, as only the mesh is known."""
         return self
 
@@ -73,8 +73,8 @@ def boundary_labels(source: Mesh | Problem) -> dict[str, str]:
     second = {name for pair in source.contact_pairs for name in pair.second.split("|")}
     for name in {*source.touching_names, *second}:
         happens[name].append("contact")
-    said = {n: ", ".join(words) for n, words in happens.items()}
-    return {n: n if words in ("", n) else f"{n}: {words}" for n, words in said.items()}
+    text = {n: ", ".join(words) for n, words in happens.items()}
+    return {n: n if words in ("", n) else f"{n}: {words}" for n, words in text.items()}
 
 
 def boundary_colours(mesh: Mesh) -> dict[str, tuple]:
@@ -106,7 +106,7 @@ def draw_names(
     mesh = drawn_mesh(source)
     axes = Picture(figsize=(5.8, 4.2)).subplots() if axes is None else axes
     draw = _draw_plane if mesh.dim == 2 else _draw_solid
-    drawn = draw(axes, AtRest(mesh), Part(body, None, cut), view)
+    drawn = draw(axes, UndeformedMesh(mesh), Part(body, None, cut), view)
     labels = boundary_labels(source)
     patches = [
         Patch(color=colour, label=labels.get(name, name))
@@ -131,7 +131,7 @@ def _sets(corners: Corners, colours: dict) -> tuple[Corners, ScalarMappable]:
 
 
 def _draw_plane(
-    axes: Axes, rest: AtRest, part: Part, view: Angles | None
+    axes: Axes, rest: UndeformedMesh, part: Part, view: Angles | None
 ) -> dict[str, tuple]:
     """Bodies in pale colours, boundaries as thick lines; returns the names for a legend."""
     mesh = rest.mesh
@@ -160,7 +160,7 @@ def _draw_plane(
 
 
 def _draw_solid(
-    axes: Axes, rest: AtRest, part: Part, view: Angles | None
+    axes: Axes, rest: UndeformedMesh, part: Part, view: Angles | None
 ) -> dict[str, tuple]:
     """The surface in the colours of its boundaries, a section in those of the bodies."""
     mesh = rest.mesh

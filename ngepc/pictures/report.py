@@ -148,10 +148,10 @@ def standard_sections(source: Result | Evolution, units: UnitNames) -> list[Sect
 
 def _of_history(history: Evolution, units: UnitNames) -> list[Section]:
     """The sections of a history: its steps in a table, curves, the last step in pictures."""
-    told = f"{len(history.steps)} steps: {history.status}. {history.message}"
+    summary = f"{len(history.steps)} steps: {history.status}. {history.message}"
     mesh = mesh_picture(history.problem, units)
     sections = [("The problem", [history.problem, mesh])]
-    sections.append(("The steps", [told.strip(), describe_history(history, units)]))
+    sections.append(("The steps", [summary.strip(), describe_history(history, units)]))
     if not history.steps:
         return sections
     touches = history.problem.touching_names

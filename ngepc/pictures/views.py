@@ -34,7 +34,7 @@ from ngepc.pictures.drawable import (
 )
 from ngepc.pictures.fields import Drawing
 from ngepc.pictures.meshes import (
-    AtRest,
+    UndeformedMesh,
     body_colours,
     boundary_colours,
     drawn_mesh,
@@ -175,7 +175,7 @@ def _names_of(source: Mesh | Problem, title: str) -> View:
     number = numbered(list(colours), "body" if plane else "boundary", mesh)
     lines = []
     for name, colour in boundary_colours(mesh).items() if plane else ():
-        segments = corners_of(AtRest(mesh), where=name).points
+        segments = corners_of(UndeformedMesh(mesh), where=name).points
         lines.append((name, to_hex(colour), segments))
     with np.errstate():
         from ngsolve.webgui import BuildRenderData

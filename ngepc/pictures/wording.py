@@ -161,8 +161,8 @@ def _given(name: str, value: object, units: UnitNames) -> dict[str, object]:
     if name == "curve":
         stress, strains = unit_of(units, "stress"), [strain for strain, _ in value]
         ends = f"from {number(value[0][1], stress)} to {number(value[-1][1], stress)}"
-        said = f"{len(value)} points, {ends}, strains up to {number(strains[-1])}"
-        return row("stress-strain curve of a tensile test", said)
+        text = f"{len(value)} points, {ends}, strains up to {number(strains[-1])}"
+        return row("stress-strain curve of a tensile test", text)
     words, kind = GIVEN[name]
     unit = unit_of(units, kind)
     return row(words, value if isinstance(value, str) else amount(value, unit))
@@ -180,15 +180,15 @@ def _supports(problem: Problem, units: UnitNames) -> Rows:
     for place, given in problem.single("prescribed").items():
         if isinstance(given, Roller):
             along = "its normal" if given.direction is None else "one direction"
-            said = f"displacement along {along}: {amount(given.value, length)}"
+            text = f"displacement along {along}: {amount(given.value, length)}"
         else:
             known = [
                 f"u_{letter} = {amount(value, length)}"
                 for letter, value in zip("xyz", given, strict=False)
                 if value is not None
             ]
-            said = ", ".join(known)
-        rows.append(row(f"support {place!r}", said))
+            text = ", ".join(known)
+        rows.append(row(f"support {place!r}", text))
     for place in problem.spring_constants:
         rows.append(row(f"support {place!r}", "springs"))
     return rows
@@ -226,15 +226,15 @@ def _contact(problem: Problem, units: UnitNames) -> Rows:
     rows = []
     for name in problem.contact_names:
         gap = problem.gap[name] if isinstance(problem.gap, Mapping) else problem.gap
-        said = f"rigid obstacle, gap {amount(gap, length)}"
-        rows.append(row(f"contact of {name!r}", said))
+        text = f"rigid obstacle, gap {amount(gap, length)}"
+        rows.append(row(f"contact of {name!r}", text))
     for pair in problem.contact_pairs:
         how = "glued to" if pair.tied else "may touch"
         rows.append(row(f"contact of {pair.first!r}", f"{how} {pair.second!r}"))
     friction = problem.friction
     if isinstance(friction, Coulomb):
-        said = f"Coulomb's law, coefficient {amount(friction.coefficient, '')}"
-        rows.append(row("friction", said))
+        text = f"Coulomb's law, coefficient {amount(friction.coefficient, '')}"
+        rows.append(row("friction", text))
     elif friction is not None:
         bound = amount(friction, unit_of(units, "stress"))
         rows.append(row("friction", f"Tresca's law, bound {bound}"))

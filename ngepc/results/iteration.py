@@ -21,7 +21,7 @@ from ngepc.discretisation.body import EPSILON, DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import (
     ROUNDING,
     contact_work,
-    rival,
+    several_solutions,
     with_contact,
 )
 from ngepc.linalg.direct import FactorisationError
@@ -185,7 +185,9 @@ def slope_rounding(here: Iterate, change: np.ndarray, contact: np.ndarray) -> fl
 def uniqueness(here: Iterate, tangent: Any) -> tuple[Status, str]:
     """Whether friction allows other equilibria beside a solution, and a sentence about it."""
     tangent.linearise(here)
-    several, message = rival(here, tangent.solve, tangent.examined, tangent.stiffened)
+    several, message = several_solutions(
+        here, tangent.solve, tangent.examined, tangent.stiffened
+    )
     return Status.NOT_UNIQUE if several else Status.CONVERGED, message
 
 

@@ -127,7 +127,7 @@ def solve_record(name: str, result: Any, wall_time: float) -> dict[str, Any]:
     """One solve as a dictionary, with the fields of ``FIELDS`` that the result provides."""
     mesh = result.problem.mesh
     history = result.history
-    told = ("message", "iterations", "dual_energy", "primal_energy", "residual_norm")
+    names = ("message", "iterations", "dual_energy", "primal_energy", "residual_norm")
     return {
         "schema": SCHEMA,
         "problem": name,
@@ -136,7 +136,7 @@ def solve_record(name: str, result: Any, wall_time: float) -> dict[str, Any]:
         "unknowns": result.displacement.space.FreeDofs().NumSet(),
         "label": getattr(result, "method_label", ""),
         "status": result.status.label,
-        **{field: getattr(result, field) for field in told},
+        **{field: getattr(result, field) for field in names},
         **{
             f: getattr(history, f)
             for f in ("residual_norms", "step_lengths", "halvings")

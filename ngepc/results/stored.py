@@ -27,9 +27,9 @@ def reading(path: Path) -> Iterator[None]:
     except Exception as error:
         if str(path) in str(error):
             raise
-        told = f"{type(error).__name__}: {error}"
+        problem = f"{type(error).__name__}: {error}"
         raise ValueError(
-            f"checkpoint {path} is damaged ({told}): move it away"
+            f"checkpoint {path} is damaged ({problem}): move it away"
         ) from error
 
 
@@ -38,9 +38,9 @@ def array_of(path: Path, arrays: Mapping, name: str, size: int) -> np.ndarray:
     found = arrays.get(name)
     legal = isinstance(found, np.ndarray) and found.dtype == float
     if not legal or found.shape != (size,) or not np.isfinite(found).all():
-        told = "is missing" if found is None else f"is {found.dtype} {found.shape}"
+        problem = "is missing" if found is None else f"is {found.dtype} {found.shape}"
         raise ValueError(
-            f"checkpoint {path} is damaged: {name!r} {told}, {size} finite real numbers are "
+            f"checkpoint {path} is damaged: {name!r} {problem}, {size} finite real numbers are "
             "needed; move it away"
         )
     return found

@@ -33,7 +33,7 @@ class LinearContact:
     """
 
     closed: np.ndarray  # boolean, shape (m,) as all but the direction
-    rubs: np.ndarray  # boolean: friction acts
+    with_friction: np.ndarray  # boolean: friction acts
     slips: np.ndarray  # boolean
     bound: np.ndarray  # b (force)
     trial: (
@@ -62,8 +62,8 @@ class LinearContact:
         self.grows = law.grows(y[:m])
         self.coefficient = law.growth(y[:m])
         self.closed = (y[:m] > 0) | tied if closed is None else closed
-        self.rubs = law.rubs(self.closed)
-        self.slips = self.rubs & (slipping if slips is None else slips)
+        self.with_friction = law.with_friction(self.closed)
+        self.slips = self.with_friction & (slipping if slips is None else slips)
         self.rows = self.conditions.matrix @ diags(
             state.discrete.free.ravel().astype(float)
         )
@@ -127,7 +127,7 @@ class Biactive(NamedTuple):
     points: np.ndarray
 
 
-def told(steps: Sequence[Biactive]) -> str:
+def biactive_message(steps: Sequence[Biactive]) -> str:
     """A message about biactive rows and points of each step; empty if there are none."""
     said = []
     for number, (rows, kinks, points) in enumerate(steps, 1):
@@ -160,6 +160,6 @@ def biactive_set(contact: LinearContact) -> Biactive:
     at_limit = np.where(limited, law.coefficient, 0.0) * forces - law.cap
     change = np.abs(np.where(limited, at_limit, np.inf)) <= BIACTIVE * law.cap
     kinks |= contact.slips & change & limited
-    kinks &= contact.rubs & (contact.bound > 0) & (law.given | ~weak)
+    kinks &= contact.with_friction & (contact.bound > 0) & (law.given | ~weak)
     close = discrete.law.close_to_yielding(state.at, BIACTIVE)
     return Biactive(*map(np.flatnonzero, (weak, kinks, close)))

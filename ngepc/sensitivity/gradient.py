@@ -44,8 +44,8 @@ from ngepc.sensitivity.contact import (
     BIACTIVE,
     Biactive,
     LinearContact,
+    biactive_message,
     biactive_set,
-    told,
 )
 from ngepc.sensitivity.equations import INHERITED, Data
 from ngepc.sensitivity.functionals import Form, Functional, as_functional, slope_by_mesh
@@ -106,7 +106,7 @@ class Gradient(dict[str, float]):
         super().__init__(derivatives)
         self.functional = functional
         self.biactive = biactive
-        self.message = told(biactive)
+        self.message = biactive_message(biactive)
         self.differentiable = not self.message
 
 
@@ -261,7 +261,7 @@ class TangentResult:
     @property
     def message(self) -> str:
         """A message if the derivative is one-sided; empty if the solution is differentiable."""
-        return told(self.biactive)
+        return biactive_message(self.biactive)
 
     @property
     def displacement(self) -> GridFunction:

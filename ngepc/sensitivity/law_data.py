@@ -131,13 +131,13 @@ def part_changes(state: State, name: str, change: object) -> Data:
         return Data()
     step = STEP * (max(np.abs(one).max() for one in given) or 1.0) / largest
     data = _FORMULAS[datum.part](state)
-    there = getattr(state.discrete.problem.material, datum.part)
+    original = getattr(state.discrete.problem.material, datum.part)
     if datum.part != "hill":
-        there = there.at(points.at)
+        original = original.at(points.at)
     found = Data()
     for k, weight in STENCIL.items():
         shifted = [v + k * step * c for v, c in zip(given, moved, strict=True)]
-        part = copy(there)
+        part = copy(original)
         moved_value = tuple(shifted) if several else shifted[0]
         vars(part).update(datum.changed(part, moved_value))
         found += weight / step * data(part)
@@ -181,11 +181,11 @@ def _of_hill(state: State) -> Callable[[object], Data]:
     points = state.discrete.points
     basis = points.kinematics.basis
 
-    def there(value: object) -> np.ndarray:
+    def at_points(value: object) -> np.ndarray:
         """A datum at the points, where it is not yet."""
         return value if isinstance(value, np.ndarray) else points.at(value)
 
-    return lambda hill: Data(form=hill.form(basis, there))
+    return lambda hill: Data(form=hill.form(basis, at_points))
 
 
 _FORMULAS = {"law": _of_law, "rate": _of_rate, "hill": _of_hill}
@@ -200,7 +200,7 @@ def _overlay_changes(
     points = state.discrete.points
     places = range(len(changes)) if datum.entry is None else [datum.entry]
     found = Data()
-    spare = 0.0
+    change_of_rest = 0.0
     for place, change in zip(places, changes, strict=True):
         change = points.at(change)
         if datum.field == "bounds":
@@ -208,10 +208,11 @@ def _overlay_changes(
             continue
         found[f"share {place}"] = change
         found[f"beta {place}"] = overlay.bounds[place] * change
-        spare = spare - change
-    if overlay.spare:
-        return found + Data({f"share {len(overlay.shares)}": spare + points.at(0.0)})
-    if np.any(spare):
+        change_of_rest = change_of_rest - change
+    if overlay.elastic_share:
+        rest = change_of_rest + points.at(0.0)
+        return found + Data({f"share {len(overlay.shares)}": rest})
+    if np.any(change_of_rest):
         raise ValueError(
             f"parameters={name!r}: the shares have the sum 1, a change with the sum 0 is needed, "
             'Direction("overlay.shares", (1.0, -1.0)) for example'

@@ -463,11 +463,11 @@ def by_calculix(case: Case, bricks: bool, level: int) -> dict:
     with tempfile.TemporaryDirectory() as folder:
         answer = calculix.run(deck, Path(folder))
     kind, _, component, factor = case.printed
-    told = answer.force if kind == "force" else answer.displacement
-    known = answer.finished and told is not None
+    numbers = answer.force if kind == "force" else answer.displacement
+    known = answer.finished and numbers is not None
     return {
         "status": "converged" if known else "failed",
-        "value": factor * float(told[component]) if known else None,
+        "value": factor * float(numbers[component]) if known else None,
         "cpu": answer.cpu,
         "iterations": answer.iterations,
     }

@@ -135,15 +135,15 @@ class Bounds(OverMeshes):
         if (body, kind) in TARGETS:
             solve_to(problem, TARGETS[body, kind] / STARTS[body][1], monitor=adapted)
             return run
-        result, told = timed(semismooth_newton, problem)
+        result, usage = timed(semismooth_newton, problem)
         solved = time.process_time()
         bound = error_bound(result)
-        spent = {"cpu_s": told["cpu_s"], "bound_cpu_s": time.process_time() - solved}
+        spent = {"cpu_s": usage["cpu_s"], "bound_cpu_s": time.process_time() - solved}
         spent["apart"] = f"{spent['bound_cpu_s']:.2f}"
         note(nodes, bound, steps=result.iterations, **spent)
         return run
 
-    def told(self, records: Sequence[dict]) -> list[dict]:
+    def table_rows(self, records: Sequence[dict]) -> list[dict]:
         """Uniform meshes, and the last one of adaptive runs."""
         last = {r["example"]: r for r in records if "bound_cpu_s" not in r}
         return [*(r for r in records if "bound_cpu_s" in r), *last.values()]

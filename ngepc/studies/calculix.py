@@ -234,16 +234,16 @@ def run(deck: Deck, folder: Path, limit: int = 600) -> Answer:
             preexec_fn=limited,
         )
         _, _, usage = os.wait4(process.pid, 0)
-    told = (folder / "log").read_text(errors="replace")
+    printed = (folder / "log").read_text(errors="replace")
     data = folder / "deck.dat"
     answers = data.read_text() if data.exists() else ""
     force = re.findall(r"total force.*?\n\s*\n\s*([-\dE.+ ]+)\n", answers)
     moved = re.findall(r"displacements.*?\n\s*\n\s*\d+([-\dE.+ ]+)\n", answers)
     return Answer(
-        finished="Job finished" in told and "*ERROR" not in told,
+        finished="Job finished" in printed and "*ERROR" not in printed,
         force=np.array(force[-1].split(), dtype=float) if force else None,
         displacement=np.array(moved[-1].split(), dtype=float) if moved else None,
         cpu=usage.ru_utime + usage.ru_stime,
         megabytes=usage.ru_maxrss / 1024,
-        iterations=len(re.findall(r"^ iteration\s+\d+", told, re.MULTILINE)),
+        iterations=len(re.findall(r"^ iteration\s+\d+", printed, re.MULTILINE)),
     )

@@ -106,15 +106,15 @@ class Figure4(OverMeshes):
         start = coarse_start(body, GAMMA, OPTIONS) if body == "lshape" else None
         return convergence_quotients(example(body, nodes), GAMMA, start)
 
-    def told(self, records: Sequence[dict]) -> list[dict]:
+    def table_rows(self, records: Sequence[dict]) -> list[dict]:
         """The records with Q_j, in parentheses where it is rounding; fewer for fewer steps."""
-        told = []
+        rows = []
         for r in records:
             pairs = zip(r["quotients"], r["meaningful"], strict=True)
             said = [f"{q:.3g}" if good else f"({q:.2g})" for q, good in pairs]
             Q = {f"Q_{j}": text for j, text in enumerate(said, LAST - len(said))}
-            told.append(r | Q | {"example": TITLES[r["body"]]})
-        return told
+            rows.append(r | Q | {"example": TITLES[r["body"]]})
+        return rows
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """The quotients of both examples beside each other, one curve for each mesh."""

@@ -236,14 +236,14 @@ class Processes(OverMeshes):
                 )
             return json.loads(path.read_text(encoding="utf-8"))
 
-    def told(self, records: Sequence[dict]) -> list[dict]:
+    def table_rows(self, records: Sequence[dict]) -> list[dict]:
         """A row for each mesh and number of processes, mesh by mesh."""
         alone = {r["nodes"]: r["largest_cpu_s"] for r in records if r["processes"] == 1}
-        told = []
+        rows = []
         for r in sorted(records, key=lambda r: (r["nodes"], r["processes"])):
             one = alone.get(r["nodes"])
-            told.append(r | {"ratio": one and r["largest_cpu_s"] / one})
-        return told
+            rows.append(r | {"ratio": one and r["largest_cpu_s"] / one})
+        return rows
 
     def notes(self, records: Sequence[dict]) -> list[str]:
         """What the numbers mean."""

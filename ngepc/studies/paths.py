@@ -85,9 +85,9 @@ class Table3(OverMeshes):
         direct = follow_path(path.last.problem, there).or_interrupted()
         column = FAMILIES["wrench"].index(nodes)
         h = mesh_width(path.last.problem.mesh)
-        told = ("iterations", "path_value", "residual_norm", "halvings")
+        names = ("iterations", "path_value", "residual_norm", "halvings")
         end = {"status": direct.status.label}
-        end |= {name: getattr(direct.steps[-1], name) for name in told}
+        end |= {name: getattr(direct.steps[-1], name) for name in names}
         names = ("outer_iterations", "total_inner_iterations", "inner_iterations", "gamma_end",
                  "path_values", "residual_norms")  # fmt: skip
         changes = [step.change for step in path.steps]

@@ -110,12 +110,16 @@ def pulled(material: Material, corners: str) -> Solved:
     """A point under (sigma_xx, tau_xy) to A and on to B: strains and cumulated plastic strain."""
     xx, xy = np.transpose([STRESS[corner] for corner in corners])
     run = material_point(material, stress={"xx": xx, "xy": xy}, steps=50)
-    told = (run.strain[:, 0, 0], run.strain[:, 0, 1], run.accumulated_plastic_strain)
+    computed = (
+        run.strain[:, 0, 0],
+        run.strain[:, 0, 1],
+        run.accumulated_plastic_strain,
+    )
     return None, [
         Quantity(f"{name} at {corner}", value, "P", TOLERANCE[corner], float(ours[end]))
         for corner, end in zip(corners, run.corners, strict=True)
         for name, ours, value in zip(
-            ("eps_xx", "eps_xy", "p"), told, STRAIN[corner], strict=True
+            ("eps_xx", "eps_xy", "p"), computed, STRAIN[corner], strict=True
         )
     ]
 

@@ -133,14 +133,14 @@ class Step42(OverMeshes):
             "touching": int(np.count_nonzero(forces > 1e-6 * forces.max())),
         }
 
-    def told(self, records: Sequence[dict]) -> list[dict]:
+    def table_rows(self, records: Sequence[dict]) -> list[dict]:
         """The records with the change of F from the next coarser mesh."""
-        told = []
+        rows = []
         before = {}
         for r in records:
             force = r["contact_force"]
             family = (r["mesh"].removesuffix(", refined"), r["method"])
             change = abs(force / before[family] - 1) if family in before else None
-            told.append(r | {"change": change})
+            rows.append(r | {"change": change})
             before[family] = force
-        return told
+        return rows

@@ -63,11 +63,11 @@ class Work(ABC):
         )
 
     def notes(self, records: Sequence[dict]) -> list[str]:
-        """What is said below the table."""
+        """The lines below the table."""
         return [self.note.format(study=self)]
 
-    def told(self, records: Sequence[dict]) -> Sequence[dict]:
-        """What the rows of the table show: the records, groups or parts of them."""
+    def table_rows(self, records: Sequence[dict]) -> Sequence[dict]:
+        """The rows of the table: the records, or groups or parts of them."""
         return records
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
@@ -125,12 +125,12 @@ class Work(ABC):
             c.partition("=") for c in " ".join(self.columns.split()).split(" | ")
         ]
         heads, entries = ([c[k].strip() for c in columns] for k in (0, 2))
-        told = [spoken(record) for record in self.told(records)]
-        rows = [[shown(entry, record) for entry in entries] for record in told]
+        shown_records = [with_endings(record) for record in self.table_rows(records)]
+        rows = [[shown(entry, record) for entry in entries] for record in shown_records]
         if self.across is None:
             return [heads, *rows]
         merged: dict[tuple, dict] = {}
-        for row, record in zip(rows, told, strict=True):
+        for row, record in zip(rows, shown_records, strict=True):
             head, entry = (shown(text, record) for text in self.across)
             merged.setdefault(tuple(row), {})[head] = entry
         over = list(dict.fromkeys(head for found in merged.values() for head in found))
@@ -222,14 +222,16 @@ def _records(kept: Mapping, cell: Mapping) -> list[dict]:
     return found
 
 
-def spoken(record: Mapping) -> dict:
-    """A record with words for each run in it: ``steps``, and ``ending``, ' status' if it failed."""
-    said = {key: spoken(v) if isinstance(v, dict) else v for key, v in record.items()}
-    status = said.get("status", "converged")
-    said["ending"] = "" if status == "converged" else f" {status.replace('_', ' ')}"
-    if "iterations" in said:
-        said["steps"] = f"{said['iterations']}{said['ending']}"
-    return said
+def with_endings(record: Mapping) -> dict:
+    """A record with texts for each run in it: ``steps``, and ``ending``, ' status' if it failed."""
+    texts = {
+        key: with_endings(v) if isinstance(v, dict) else v for key, v in record.items()
+    }
+    status = texts.get("status", "converged")
+    texts["ending"] = "" if status == "converged" else f" {status.replace('_', ' ')}"
+    if "iterations" in texts:
+        texts["steps"] = f"{texts['iterations']}{texts['ending']}"
+    return texts
 
 
 def shown(entry: str, record: Mapping) -> str:

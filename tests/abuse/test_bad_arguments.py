@@ -361,7 +361,7 @@ def test_the_count_of_cases_is_what_reliability_says():
 
 def test_every_public_callable_is_here():
     returned = {
-        "Between", "BoundedResult", "Calibration", "DualResult", "ErrorBound", "Evolution",
+        "BoundedResult", "Bracket", "Calibration", "DualResult", "ErrorBound", "Evolution",
         "ExactResult", "Gradient", "HardeningLaw", "Kinematics", "PathResult", "PointHistory",
         "PrimalResult", "RateLaw", "SolverError", "Status", "TangentResult", "GoalBound",
         "LimitLoad", "LimitRecord", "LimitStatus", "ShakedownLoad", "Verdict", "DistanceBound",

@@ -79,10 +79,10 @@ def test_less_effort_gives_a_bound_too():
         Effort(),
         Effort(newton=2, gain=1e-3),
     ]
-    setting, totals = bound_data_of(result.discrete), []
-    for setting.effort in efforts:
+    bound_data, totals = bound_data_of(result.discrete), []
+    for bound_data.effort in efforts:
         tangent = Factors(result.discrete, "sparsecholesky")
-        totals.append(bound_of_state(setting, result.state, tangent).total)
+        totals.append(bound_of_state(bound_data, result.state, tangent).total)
     assert sorted(totals, reverse=True) == totals
     assert totals[-1] >= result.primal_energy - LIMITS["wrench"]
 

@@ -231,12 +231,12 @@ def test_facets_with_different_room_do_not_undo_each_other():
     """
     result = semismooth_newton(bounded_example("sphere", "uniform", 281))
     goal = GoalProblem(result)
-    adjoints = AdjointProblem(goal.setting, goal.bound.state, goal.bound.pressure)
-    terms = terms_of("contact_force", goal.setting)
+    adjoints = AdjointProblem(goal.bound_data, goal.bound.state, goal.bound.pressure)
+    terms = terms_of("contact_force", goal.bound_data)
     z, least = adjoints.repaired(terms, np.zeros_like(goal.bound.state.u), 10.0)
     assert least == 10.0
-    off = np.abs(adjoints.off(terms, z))
-    assert (off <= 10.0 * adjoints.room + 1e-6).all()
+    mismatch = np.abs(adjoints.mismatch(terms, z))
+    assert (mismatch <= 10.0 * adjoints.slack + 1e-6).all()
 
 
 def in_units(length, stress):

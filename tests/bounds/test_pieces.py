@@ -27,19 +27,19 @@ def solved(material=METAL, **data):
     """A block on a floor, and what its bounds start from."""
     mesh = block.structured_mesh(3, 3, size=(1.0, 1.0), simplices=True)
     result = semismooth_newton(Problem(mesh, material, order=1, **data))
-    setting = bound_data_of(result.discrete)
-    return setting, state_of(setting.discrete, result)
+    bound_data = bound_data_of(result.discrete)
+    return bound_data, state_of(bound_data.discrete, result)
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5])
 @pytest.mark.parametrize("load", [(0.0, -2.0), (1.0, 2.0)])
 def test_stresses_are_put_into_equilibrium_with_other_loads(load, factor):
     """Virtual work for displacements that keep the supports, whatever the sign of the defect."""
-    setting, state = solved(traction={"contact": load})
-    discrete = setting.discrete
+    bound_data, state = solved(traction={"contact": load})
+    discrete = bound_data.discrete
     points = discrete.points
     given = factor * discrete.load
-    stress = setting.balanced(state, Factors(discrete, "sparsecholesky"), given)
+    stress = bound_data.balanced(state, Factors(discrete, "sparsecholesky"), given)
     random = np.random.default_rng(0)
     for _ in range(3):
         v = np.where(discrete.free, random.normal(size=given.shape), 0.0)
@@ -77,8 +77,8 @@ def test_a_straight_law_beyond_yield_is_integrated_exactly():
     straight = Material.with_law(
         lame_lambda=1e3, lame_mu=1e3, law=Tabulated((0.0, 5.0), (1.5, 301.5))
     )
-    setting, _ = solved(straight, traction={"contact": (0.0, -1.0)})
-    conjugate = Conjugate(setting.discrete.law, 3).of(np.array([0]))
+    bound_data, _ = solved(straight, traction={"contact": (0.0, -1.0)})
+    conjugate = Conjugate(bound_data.discrete.law, 3).of(np.array([0]))
     conjugate.whole = True
     sizes = np.array([2.5, 4.0, 9.0, 3.0, 3.5, 5.0, 2.0, 8.0, 6.0]) * conjugate.beta
     z = np.zeros((1, 9, 4))
@@ -93,16 +93,16 @@ def test_a_straight_law_beyond_yield_is_integrated_exactly():
 
 def test_rows_of_the_adjoint_that_touch_nothing_stay_within_their_gap():
     """|c - z . n| <= lambda gap, for forces either way: rows are held where they were pushed."""
-    setting, state = solved(
+    bound_data, state = solved(
         contact="contact", gap=0.02 * (x - 0.3) ** 2 - 2e-3, traction={"right": (3, 0)}
     )
-    adjoints = AdjointProblem(setting, state, np.zeros((0, 2)))
+    adjoints = AdjointProblem(bound_data, state, np.zeros((0, 2)))
     open_rows = ~adjoints.presses
     assert open_rows.any()
     assert adjoints.presses.any()
     gap = np.maximum(state.gaps, 0.0)
     for sign in (-1.0, 1.0):
-        forces = np.zeros_like(setting.discrete.load)
+        forces = np.zeros_like(bound_data.discrete.load)
         forces[:, 1] = sign
         wanted = np.zeros(len(gap))
         pushed = adjoints._rows @ adjoints.tangent.solve(forces).ravel()

@@ -289,11 +289,11 @@ def test_effectivity_of_an_elastic_and_a_plastic_cube():
 
 def test_a_single_step_of_the_search_gives_a_bound():
     result = semismooth_newton(pressed())
-    setting = bound_data_of(result.discrete)
-    setting.effort = Effort(newton=0, steps=1)
+    bound_data = bound_data_of(result.discrete)
+    bound_data.effort = Effort(newton=0, steps=1)
     tangent = Factors(result.discrete, "sparsecholesky")
     first, last = (
-        bound_of_state(setting, result.state, tangent).total,
+        bound_of_state(bound_data, result.state, tangent).total,
         error_bound(result).total,
     )
     least = error_bound(semismooth_newton(finer(result.problem, 1))).least_energy

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ngepc.bounds.parts import NODES, RULE, TO_NODES, WEIGHTS, coefficients
-from ngepc.bounds.varying import VaryingData, integrals, likely_integrals
+from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
 
 TWO_MU = 2e3
 BETA = 5.0
@@ -57,7 +57,7 @@ def test_bounds_lie_above_fine_quadrature_and_near_it(k, d):
             fine = fine.cut()
         work = fine.size * (fine.at(RULE[k]).work() @ WEIGHTS[k])
         own = each.size * (each.at(RULE[k]).work() @ WEIGHTS[k])
-        exact = np.bincount(fine.owner, likely_integrals(fine, FACTOR) - work) + own
+        exact = np.bincount(fine.owner, estimated_integrals(fine, FACTOR) - work) + own
         assert (bound >= exact - 1e-9 * exact.sum()).all()
         assert bound.sum() < 1.1 * exact.sum()
 
@@ -67,4 +67,4 @@ def test_quadratics_are_integrated_exactly():
     data = data_of(4, 5)
     data.law["beta"][:] = 1e6
     bound = integrals(data, FACTOR, PARTS)
-    np.testing.assert_allclose(bound, likely_integrals(data, FACTOR), rtol=1e-10)
+    np.testing.assert_allclose(bound, estimated_integrals(data, FACTOR), rtol=1e-10)

@@ -44,7 +44,7 @@ def test_meshes_follow_the_goal():
     )
     widths = [record.upper - record.lower for record in solved.records]
     assert widths == sorted(widths, reverse=True)
-    assert solved.found == solved.goal.percent / 100
+    assert solved.relative_error == solved.goal.percent / 100
 
 
 @pytest.mark.parametrize(

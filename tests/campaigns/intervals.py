@@ -59,8 +59,8 @@ def goals_of(problem, draw):
 
 def value_of(result, goal):
     """The goal of a discrete solution."""
-    setting = bound_data_of(result.discrete)
-    return terms_of(goal, setting).value(setting, result.state)
+    bound_data = bound_data_of(result.discrete)
+    return terms_of(goal, bound_data).value(bound_data, result.state)
 
 
 def drawn(seed, kind, number):

@@ -289,7 +289,7 @@ class Mutants(Work):
 
     def write(self, records):
         """Reasons go into all three files."""
-        return super().write(self.told(records))
+        return super().write(self.table_rows(records))
 
     def line(self, record):
         """The verdict."""

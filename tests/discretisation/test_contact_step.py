@@ -7,7 +7,7 @@ import pytest
 
 from ngepc import Material, Problem, semismooth_newton
 from ngepc.discretisation import contact_step
-from ngepc.discretisation.contact_step import SEARCHED, rival
+from ngepc.discretisation.contact_step import SEARCHED, several_solutions
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
 from ngepc.model.processes import Team
@@ -48,7 +48,7 @@ def test_tied_rows_come_first_then_those_that_press_or_are_closest(examined):
         [0, 0, 3, 0, -1, 2], [0, 0, 0, 0, 1, 1], [0.4, 0.1, 0.0, 0.2, 0.0, 0.0]
     )
     here.body.contact.friction.tied = here.body.contact.friction.tied.astype(bool)
-    assert rival(here, None, most=8) == (False, SEARCHED)
+    assert several_solutions(here, None, most=8) == (False, SEARCHED)
     assert examined == [{4, 5, 2, 1}]
 
 
@@ -59,7 +59,7 @@ def test_tied_rows_come_first_then_those_that_press_or_are_closest(examined):
 def test_more_rows_that_press_or_are_tied_are_not_examined(multipliers, tied, examined):
     """Four rows of two forces each may be."""
     here = state(multipliers, tied, 6 * [0.0])
-    several, message = rival(here, None, most=8)
+    several, message = several_solutions(here, None, most=8)
     assert not several
     assert message.startswith("Friction on 6 rows: ")
     assert "not examined" in message

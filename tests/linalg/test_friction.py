@@ -211,8 +211,8 @@ def test_enumeration_of_one_row(limit):
         counts.add(len(expected))
         if expected:
             x = np.array(expected[0])
-            rival = rule.rival(S, gaps + S @ x, x)
-            assert (rival is not None) == (len(distinct) > 1)
+            other_forces = rule.other_forces(S, gaps + S @ x, x)
+            assert (other_forces is not None) == (len(distinct) > 1)
     assert counts >= {1, 3}
 
 
@@ -302,7 +302,7 @@ def test_other_solutions_are_searched_from_starts():
     assert len(found) > STARTS // 2
     for other in found:
         assert offence(rule, other, gaps + S @ other) < 1e-10
-    assert rule.rival(S, gaps + S @ x, x) is None
+    assert rule.other_forces(S, gaps + S @ x, x) is None
 
 
 def test_springs_of_a_floating_part_carry_nothing_of_what_a_search_finds():

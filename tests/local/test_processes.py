@@ -156,16 +156,16 @@ def test_processes_find_what_one_finds(runs, body, count):
         "Friction: a search from 21 starts found no other equilibrium, "
         "which is no proof that there is none. "
     )
-    rubs = "Coulomb" in body
+    with_friction = "Coulomb" in body
     alone = searched if body == "Coulomb" else said  # one process examines few rows
-    assert one["message"].startswith(alone) == rubs
+    assert one["message"].startswith(alone) == with_friction
     rest = one["message"].removeprefix(alone)
-    assert several["message"] == (said if rubs else "") + rest
+    assert several["message"] == (said if with_friction else "") + rest
     assert one["status"] == "converged"
     assert one["steps"] >= 4
     assert several["energies"][-1] == pytest.approx(one["energies"][-1], rel=1e-12)
     assert several["energies"] == pytest.approx(one["energies"], rel=1e-2)
-    assert (one["slipping"] > 0) == (rubs or body == "Tresca")
+    assert (one["slipping"] > 0) == (with_friction or body == "Tresca")
     for name in (
         "plastic",
         "contact force",

@@ -20,17 +20,17 @@ def test_the_table_has_adaptive_rows_and_the_pictures_are_written(
     monkeypatch.setattr(bounds, "PICTURED", (0.5, 0.4, 0.3, 0.2))
     work = bounds.Bounds(tmp_path, levels=1)
     records = work.run()
-    told = work.told(records)
-    names = [r["example"] for r in told]
+    rows = work.table_rows(records)
+    names = [r["example"] for r in rows]
     plane = ["lshape", "wrench", "lshape order 2", "wrench order 2"]
     assert names == [*plane, *bounds.SOLIDS, *map(" ".join, TARGETS)]
-    for r in told:
+    for r in rows:
         # order two: the affine pressure of the bound follows the rows on coarse meshes only so far
         sharp = 1.5 if "order 2" in r["example"] else 1.45
         assert r["error"] <= r["bound"] <= sharp * r["error"]
-    lshape = told[names.index("lshape adaptive")]
+    lshape = rows[names.index("lshape adaptive")]
     assert lshape["error"] <= 3e-3
-    assert lshape["nodes"] < told[0]["nodes"]
+    assert lshape["nodes"] < rows[0]["nodes"]
     written = {path.name for path in work.write(records)}
     pictures = {
         "bounds_rates.png",
