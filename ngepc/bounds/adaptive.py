@@ -32,14 +32,14 @@ from ngepc.results.outcome import IterationRecord, Status
 
 log = logging.getLogger(__name__)
 
-ALGEBRAIC_SHARE = 0.1  # Newton's part of the bound that ends the iteration on a mesh
+ALGEBRAIC_SHARE = 0.1  # Newton iteration ends where its error is this share of the bound
 # Newton pauses at a step that lowers the energy by less than this fraction of the last bound
 SMALL_STEP = 0.1
 FEWER = 0.45  # approximate ratio of the nodes of a mesh and of the next one
 LEAST_LEFT = 1e-6  # smallest part of an error that a sequence of meshes aims at
 AIM = 0.97  # meshes aim at this fraction of the tolerance, as expected errors are not exact
 TOLERANCE = 1e-10  # the residual at which Newton stops if no small step stops it before
-# how Newton's method ends where refinement goes on
+# refinement continues after these statuses of Newton's method
 SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
 
 
@@ -50,8 +50,8 @@ class Refinement(Declared):
     Parameters
     ----------
     marking
-        Doerfler's share: the fewest elements whose indicators add up to this fraction of the bound
-        are bisected, in (0, 1], until less than half of the bound is expected to be left.
+        Parameter of Doerfler's marking, in (0, 1]: each pass bisects the fewest elements whose
+        indicators add up to this fraction of the bound.
     max_nodes
         Largest number of vertices of a mesh.
     max_iterations
@@ -167,7 +167,7 @@ def solve_to(
     relative_error
         Bound for ``ErrorBound.relative``, >= 1e-12 (rounding errors) and < 1.
     options
-        Marking and limits.
+        Options of refinement.
     monitor
         Called with the record of each mesh; raising StopIteration ends the run.
     goal
@@ -243,14 +243,14 @@ def mesh_record(here: BoundedResult, steps: int) -> MeshRecord:
 
 
 def ending(result: ExactResult, stopped: str) -> str:
-    """Why refinement ends at a result; empty if it may go on."""
+    """The reason to stop refinement at a result; empty if it can continue."""
     if stopped or result.status in SOLVED:
         return stopped
     return result.ending or result.status.value
 
 
 def reported(record: MeshRecord, monitor: Callable[[MeshRecord], None] | None) -> str:
-    """Log a record and give it to the monitor; the reason if that ends the run."""
+    """Log a record and pass it to the monitor; the reason to stop, empty if there is none."""
     log.info("nodes:%(nodes)6d energy:%(energy).8e bound:%(total).2e", vars(record))
     if monitor is not None:
         try:
@@ -263,10 +263,10 @@ def reported(record: MeshRecord, monitor: Callable[[MeshRecord], None] | None) -
 def next_mesh(
     mesh: Mesh, per_cell: np.ndarray, left: float, options: Refinement
 ) -> tuple[Mesh, np.ndarray]:
-    """The mesh after one with these indicators, and the parents of its elements.
+    """The next mesh, bisected by the indicators ``per_cell``, and the parents of its elements.
 
-    The part ``left`` of the error is to remain on the last mesh; until then the error decreases by
-    the same factor from mesh to mesh.
+    ``left`` is the ratio of the tolerance to the present error.  The meshes are planned such that
+    the error decreases by the same factor from each mesh to the next.
     """
     wanted = AIM * max(left, LEAST_LEFT)
     meshes = max(1, round(math.log(wanted) / (2 / mesh.dim * math.log(FEWER))))
@@ -277,9 +277,10 @@ def next_mesh(
 def solved(
     state: State, small: float, options: Refinement
 ) -> tuple[ExactResult, ErrorBound, int, BoundData]:
-    """Newton steps on one mesh until their part of the bound is small, and their number.
+    """Iterate on one mesh until the iteration error is a small share of the bound.
 
-    They pause at a step that lowers the energy by less than a ``small`` amount.
+    The bound is computed when a Newton step lowers the energy by less than ``small``.  Returned are
+    the result, its bound, the number of Newton steps and the data of the bound.
     """
     bound_data = bound_data_of(state.discrete)
     tangent = Factors(state.discrete, "sparsecholesky")

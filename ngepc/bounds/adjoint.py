@@ -1,9 +1,9 @@
-"""The adjoint of a goal: a displacement z and a stress that balances the load of the goal.
+"""The adjoint of a goal: a displacement z, and a stress in equilibrium with the goal's load.
 
 Any pair that satisfies the conditions of ``goal_bound`` on the contact boundary gives a bound. Here
-z is the solution of the tangent problem for the load of the goal, with z . n = c where the body
-touches, and the stress is the best one for it.  Where the conditions ask for it z is changed at
-single nodes, and the pressure of the stress is cut.
+z solves the tangent problem for the load of the goal with z . n = c on the active contact rows, and
+the stress is the best admissible one for this z.  Where the conditions are violated, z is changed
+at single nodes and the pressure of the stress is cut off.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ngepc.bounds.goal_terms import GoalTerms
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import State
 
-TOUCHES = 1e-10  # fraction of the largest force of a row above which it presses
-HOLDS = 20  # largest number of passes until no more rows are held
+TOUCHES = 1e-10  # rows with more than this fraction of the largest contact force are active
+HOLDS = 20  # largest number of passes in which rows are added to the active ones
 UNMOVED = 1e-5
 """Tolerance of equilibrium, relative to the forces that hold the displacements."""
 ROUNDING = 1e-10  # tolerance of the conditions before a node is changed
@@ -31,10 +31,10 @@ ROUNDING = 1e-10  # tolerance of the conditions before a node is changed
 class Adjoint:
     """An admissible pair.
 
-    ``z`` (nodes, N) is the displacement, ``stress`` its stress as ``BoundData`` has admissible
-    ones, ``pressure`` minus its normal traction at the vertices of the contact facets; ``energy``
-    is the defect of the pair in the tangent's law, ``least`` the smallest factor lambda for which
-    the conditions hold.
+    ``z`` (nodes, N) is the displacement; ``stress`` is admissible, with the shape that
+    ``BoundData`` gives to stresses; ``pressure`` is minus its normal traction at the vertices of
+    the contact facets; ``energy`` is half the squared residual of the pair in the tangent's law;
+    ``least`` is the smallest factor lambda for which the conditions hold.
     """
 
     z: np.ndarray
@@ -45,7 +45,7 @@ class Adjoint:
 
 
 class AdjointProblem:
-    """Adjoints of goals around one state, whose tangent is factorised."""
+    """Adjoints of several goals at one state; its tangent is factorised once."""
 
     def __init__(self, bound_data: BoundData, state: State, P: np.ndarray) -> None:
         self.bound_data = bound_data
@@ -73,7 +73,7 @@ class AdjointProblem:
     def held(
         self, forces: np.ndarray, chosen: np.ndarray, values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements (nodes, N) under nodal forces with some rows held, and the rows' forces."""
+        """Displacements (nodes, N) under nodal forces with prescribed rows, and their reactions."""
         z = self.tangent.solve(forces).ravel()
         mu = np.zeros(len(values))
         if len(chosen):
@@ -85,7 +85,7 @@ class AdjointProblem:
         return z.reshape(forces.shape), mu
 
     def of(self, goal: GoalTerms, factor: float) -> Adjoint:
-        """An admissible pair for lambda >= ``least``, made for the ``factor`` lambda."""
+        """The pair computed for lambda = ``factor``; it is admissible for lambda >= ``least``."""
         bound_data = self.bound_data
         discrete = bound_data.discrete
         forces = goal.forces(bound_data)
@@ -111,14 +111,14 @@ class AdjointProblem:
 
     @cached_property
     def presses(self) -> np.ndarray:
-        """Rows with a contact pressure, as booleans."""
+        """Active contact rows, as booleans."""
         multipliers = self.state.multipliers
         return multipliers > TOUCHES * max(multipliers.max(initial=0.0), 1e-300)
 
     def _steered(
         self, forces: np.ndarray, wanted: np.ndarray, factor: float
     ) -> np.ndarray:
-        """z with the rows held that have a pressure or violate the conditions."""
+        """z with prescribed values at the rows that are active or violate the conditions."""
         count = len(wanted)
         gap = np.maximum(self.state.gaps[:count], 0.0)
         chosen = self.presses.copy()
@@ -138,7 +138,7 @@ class AdjointProblem:
     def _pressed(
         self, forces: np.ndarray, wanted: np.ndarray, factor: float
     ) -> np.ndarray:
-        """Pi at the vertices of facets: rows that press hold, with forces at most lambda P."""
+        """The pressure pi at the vertices of facets, from reactions of at most lambda P."""
         most = factor * self.state.multipliers
         given = np.zeros_like(wanted)
         fixed = np.zeros(len(wanted), dtype=bool)
@@ -156,7 +156,7 @@ class AdjointProblem:
         return self.bound_data.contact.stresses(mu)
 
     def of_rows(self, goal: GoalTerms) -> np.ndarray:
-        """C at the rows: the largest of the facets around them."""
+        """The number c at each row: the largest of the facets around it."""
         contact = self.bound_data.contact
         rows = self.bound_data.discrete.rows
         at_nodes = np.zeros(len(self.bound_data.discrete.load))
@@ -172,7 +172,7 @@ class AdjointProblem:
         z: np.ndarray,
         pi: np.ndarray,
     ) -> tuple[np.ndarray, float]:
-        """The stress in equilibrium with the goal's load and the pressure pi that is best for z."""
+        """The best stress for z among those in equilibrium with the goal's load and pi."""
         bound_data = self.bound_data
         discrete = bound_data.discrete
         contact = bound_data.contact
@@ -195,10 +195,10 @@ class AdjointProblem:
     def repaired(
         self, goal: GoalTerms, z: np.ndarray, factor: float
     ) -> tuple[np.ndarray, float]:
-        """Z changed so that |c - z . n| <= lambda gap everywhere, and the least such lambda.
+        """Change z such that |c - z . n| <= lambda gap everywhere; return z and the least lambda.
 
-        Where a support holds a vertex that touches nothing can be changed: the factor may be
-        infinite then.
+        At a vertex that is both supported and in contact z cannot be changed; lambda may then be
+        infinite.
         """
         z = z.copy()
         contact = self.bound_data.contact
@@ -215,7 +215,7 @@ class AdjointProblem:
                 mismatch = self.mismatch(goal, z)[:, end]
                 most = factor * self.slack[:, end]
                 more = mismatch - np.clip(mismatch, -most, most)
-                # facets that meet at a vertex differ in what they allow: those that are
+                # the facets around a vertex have different conditions: one that is
                 # satisfied but for rounding must not undo what another one asks for
                 rounded = ROUNDING * (1 + np.abs(mismatch).max(initial=0.0))
                 more[np.abs(more) <= rounded] = 0.0
@@ -242,7 +242,7 @@ class AdjointProblem:
                 break
 
     def mismatch(self, goal: GoalTerms, z: np.ndarray) -> np.ndarray:
-        """C - z . n by ``ContactFacets.nodes``, (facets, nodes)."""
+        """c - z . n at ``ContactFacets.nodes``, shape (facets, nodes)."""
         contact = self.bound_data.contact
         mismatch = -np.einsum("eac,ec->ea", z[contact.nodes], contact.normal)
         mismatch[:, : self.bound_data.cells.N] += goal.factor[:, None]
@@ -251,7 +251,7 @@ class AdjointProblem:
     def _raise(
         self, z: np.ndarray, nodes: np.ndarray, amount: np.ndarray, value: float
     ) -> None:
-        """Raise z . n at nodes of facets by an amount (facets,) where supports allow it."""
+        """Increase z . n at nodes of facets by an amount (facets,) where supports allow it."""
         contact = self.bound_data.contact
         free = self.bound_data.discrete.supports.free[nodes]
         n = np.where(free, contact.normal, 0.0)
@@ -263,10 +263,10 @@ class AdjointProblem:
     def _middles(
         self, goal: GoalTerms, z: np.ndarray, factor: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Between which numbers the edges' coefficients of c - z . n may be (order two).
+        """Bounds of the edge coefficients of c - z . n for displacements of order two.
 
-        A parabola with the coefficients a, m, b is nowhere negative where a, b >= 0 and
-        m >= -(a b)^(1/2), a quadratic function on a triangle where all coefficients are >= 0.
+        A parabola with Bernstein coefficients a, m, b is nonnegative if a, b >= 0 and
+        m >= -(a b)^(1/2); a quadratic function on a triangle, if all coefficients are >= 0.
         """
         slack = self.slack
         middle = factor * self.bound_data.contact.edge_coefficients(slack)
@@ -280,7 +280,7 @@ class AdjointProblem:
         return low, high
 
     def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
-        """The factor, or infinity where the conditions do not hold up to rounding."""
+        """``factor`` if the conditions hold up to rounding, else infinity."""
         N = self.bound_data.cells.N
         mismatch = self.mismatch(goal, z)
         size = ROUNDING * (1 + np.abs(mismatch).max(initial=0.0)) * 10

@@ -1,13 +1,14 @@
 """Self-equilibrated stresses of a triangulation: Airy functions of degree three or four.
 
-Unknowns are the value and the gradient of the function at each vertex and, on each edge, by how
-much its normal derivative in the middle exceeds the mean of those at the ends; of degree four two
-more of each edge and three of each triangle, see ``element``.
+The unknowns are the value and the gradient of the function at each vertex and, on each edge, the
+normal derivative at the midpoint less the mean of those at the ends.  Degree four has two more
+unknowns on each edge and three on each triangle, see ``element``.
 
-Where tractions are given they stay what they are: on a connected part of that boundary the function
-is affine.  It vanishes there with its gradient, and ``modes`` are what makes it affine elsewhere:
-the resultants of the tractions between the parts.  Where one component c is given, on rollers, the
-derivative of the function with respect to the other coordinate is constant.
+The stresses must not change given tractions: on a connected part of the traction boundary the
+function is affine.  On one part it is set to zero with its gradient; on the others the three
+coefficients of the affine function are unknowns, called ``modes``: the resultants of the tractions
+between the parts.  On rollers, where one component c of the traction is given, the derivative with
+respect to the other coordinate is constant.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ LEVEL = (
 
 
 class Rule:
-    """The points of a triangle at which stresses are known, and those of Airy functions there.
+    """The points of a triangle at which stresses are stored, and the Airy stresses there.
 
-    Affine stresses are known at the edge midpoints of the three parts, quadratic ones at six points
-    of a part.  ``shares`` (q, 3) are barycentric coordinates there, ``weights`` (3 q,) add up to
-    one, ``nodal`` (q, q) gives values at the nodes of a part, ``rows`` (9 q, n) stresses times
+    Affine stresses are stored at the edge midpoints of the three parts, quadratic ones at six
+    points of each part.  ``shares`` (q, 3) are their barycentric coordinates; ``weights`` (3 q,) add
+    up to one; ``nodal`` (q, q) gives values at the nodes of a part, ``rows`` (9 q, n) stresses times
     det J from the n unknowns of a triangle, ``forces`` is the same with the weights, ``stiffness``
     (3 q, 6, n^2) the stiffness of a triangle from six compliances at each point.
     """
@@ -69,10 +70,11 @@ CORNER_COLUMNS = (_SECOND + np.tile(np.arange(3), 3)).ravel()
 
 
 class AirySpace:
-    """The Airy functions of a triangulation; unknowns that are ``free`` do not change tractions.
+    """The Airy functions of a triangulation.
 
-    ``unknowns`` (nt, n) are those of each triangle; the first ``vertices`` belong to vertices,
-    three to each, the next ones to edges.  ``area`` is that of the triangles.
+    ``unknowns`` (nt, n) are the numbers of the unknowns of each triangle: first ``vertices``
+    unknowns of vertices, three each, then those of edges.  The unknowns that are ``free`` do not
+    change given tractions.  ``area`` (nt,) are the areas of the triangles.
     """
 
     of_triangles = ("det", "area", "unknowns", "piola", "_reference")
@@ -100,7 +102,7 @@ class AirySpace:
         self._reference = self._to_reference(self.unknowns.shape[1])
 
     def _held(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Unknowns of vertices that are held; edges where ``bend`` and ``even`` are free."""
+        """Fixed unknowns of vertices; edges whose unknowns ``bend`` and ``even`` are free."""
         c = self._cells
         given = self._boundary.given
         row = np.arange(len(self._cells.facets))
@@ -127,7 +129,7 @@ class AirySpace:
         return vertex.ravel(), ~(closed | across), ~self._affine
 
     def modes(self) -> np.ndarray:
-        """Unknowns that are held and move together without tractions, shape (modes, unknowns)."""
+        """Changes of the fixed unknowns that keep the tractions, shape (modes, unknowns)."""
         c = self._cells
         free = self.free[: self.vertices]
         held = np.flatnonzero(~free)
@@ -157,7 +159,7 @@ class AirySpace:
         return result
 
     def of(self, chosen: np.ndarray | slice) -> AirySpace:
-        """The same unknowns, some of the triangles."""
+        """The space on some of the triangles, with the same unknowns."""
         return sliced(self, chosen, self.of_triangles)
 
     def gathered(self, local: np.ndarray) -> np.ndarray:
@@ -230,7 +232,7 @@ class AirySpace:
         return result
 
     def at_nodes(self, z: np.ndarray) -> np.ndarray:
-        """Values (nt, points, c) at the points as those at the nodes of the parts."""
+        """Values at the nodes of the parts from values (nt, points, c) at the points."""
         parts = z.reshape(len(z), 3, -1, z.shape[2])
         return np.matmul(self.rule.nodal, parts).reshape(z.shape)
 

@@ -6,8 +6,8 @@ a contact pressure P >= 0,
     J(u) - inf J  <=  J(u) + D(sigma)
         =  int [phi(eps(u)) + phi*(sigma) - sigma : eps(u)] + int_contact P (psi - u . n),
 
-where phi is the density of J that is smallest over p.  Both integrands are nonnegative: they
-are the indicators.
+where phi is the energy density minimised over p.  Both integrands are nonnegative, so that their
+integrals over the cells are the indicators.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class ErrorBound:
     state
         The displacement u of the bound; J(u) - inf J is its energy error.
     energy
-        J(u), with int F |slip| for friction; at least inf J.
+        J(u), with the term int F |slip| of Tresca friction; at least inf J.
     total
         Upper bound of the energy error (force times length).
     algebraic
@@ -56,11 +56,11 @@ class ErrorBound:
         ((xx + yy)/2, (xx - yy)/2^(1/2), 2^(1/2) xy), or (tetrahedra, 16, 6) with the mean stress
         and the five coordinates of the deviator.
     pressure
-        The contact pressure P >= 0 that goes with it, at the vertices of the contact facets.
+        The contact pressure P >= 0 of the admissible stress, at the vertices of the contact facets.
     moved
         Largest change of the displacement to remove penetration of the obstacle (length).
     oscillation
-        The part of ``total`` that stands for loads that vary inside elements.
+        The part of ``total`` due to loads that vary inside elements (data oscillation).
     """
 
     state: State = field(repr=False)
@@ -80,7 +80,7 @@ class ErrorBound:
 
     @cached_property
     def sampled(self) -> list[str]:
-        """Names of the data that are known from samples only; empty where the bound is proved."""
+        """Names of the data that are known from samples only; empty if the bound is proved."""
         return sampled_data(self.problem)
 
     @property
@@ -106,7 +106,7 @@ class ErrorBound:
 
     @property
     def discretisation(self) -> float:
-        """``total`` minus ``algebraic``: the part that only another mesh reduces."""
+        """``total`` minus ``algebraic``: the discretisation error, reduced by refinement only."""
         return max(self.total - self.algebraic, 0.0)
 
     @property
@@ -171,9 +171,9 @@ def error_bound(result: object) -> ErrorBound:
     Parameters
     ----------
     result
-        The result of a solver of a :class:`Problem`.  Where its displacement violates the obstacle
-        it is moved, with the optimal plastic strain; the bound is for ``ErrorBound.state``.
-        Order two is for plane problems.
+        The result of a solver of a :class:`Problem`.  Where its displacement penetrates the
+        obstacle, the displacement is changed and the plastic strain computed again; the bound holds
+        for ``ErrorBound.state``.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from ngepc.model.problem import Problem, as_scalar
 
 
 class OuterFacets:
-    """Values of data on the boundary elements of a mesh, facet by facet of its cells."""
+    """Values of data on the boundary elements, each assigned to the facet of its cell."""
 
     def __init__(self, mesh: Mesh, cells: Simplices) -> None:
         N = cells.N
@@ -45,7 +45,7 @@ class OuterFacets:
         return found.reshape(-1, len(self.rule.weights), value.dim)[on]
 
     def affine(self, name: str, value: Coefficient, on: np.ndarray) -> np.ndarray:
-        """The same; refused, by name, where it is not affine on each element."""
+        """The same for data that must be affine on each element; ValueError if they are not."""
         values = self.values(value, on)
         if len(self.scan(value, on).hidden):
             raise ValueError(
@@ -65,21 +65,22 @@ class OuterFacets:
         return Scan(self.mesh, value, BND, on)
 
     def at_vertices(self, values: np.ndarray, on: np.ndarray) -> np.ndarray:
-        """Values of boundary elements in the order of the vertices of their facets."""
+        """Vertex values of boundary elements, reordered as the vertices of their facets."""
         return values[np.arange(len(values))[:, None], self._order[on]]
 
 
 class Boundary(OuterFacets):
     """Loads, supports and obstacles on each facet of the outer boundary.
 
-    ``given`` (nf, N) are the components of the traction that are known, contact included;
-    ``moments`` (nf, N, N) are those of g with the hat functions of each facet's vertices (force),
-    zero elsewhere; ``uneven`` the facets with tractions and the mean of r r' for what g has
-    beyond the affine function with these moments, r, (., N, N).  ``contact`` are the numbers of
-    the contact facets; at their vertices, (contact facets, N), ``gap`` is an affine function
-    nowhere above psi, ``excess`` the integral of psi - gap times hat functions, ``friction`` F
-    (stress) or zero.  For order two in space ``gap`` is quadratic: its further columns are those
-    of NGSolve's functions of the edges opposite to the vertices.
+    ``given`` (nf, N) marks the components of the traction that are known, on contact facets too.
+    ``moments`` (nf, N, N) are the moments of g with the hat functions of each facet's vertices
+    (force), zero elsewhere.  ``uneven`` has the facets with tractions, and for each the mean of
+    r r' (., N, N), where r is g less the affine function with these moments.  ``contact`` are the
+    numbers of the contact facets.  At their vertices (contact facets, N), ``gap`` is an affine
+    function that is nowhere above psi, ``excess`` the integral of psi - gap times the hat
+    functions, and ``friction`` is F (stress) or zero.  For displacements of order two in three
+    dimensions ``gap`` is quadratic: its further columns are the coefficients of NGSolve's edge
+    functions, of the edges opposite to the vertices.
 
     ValueError for friction or displacements that are not affine on facets, and for boundaries
     inside the body.
@@ -96,12 +97,12 @@ class Boundary(OuterFacets):
         self._read_contact()
 
     def contact_of(self, names: Sequence[str]) -> np.ndarray:
-        """Which contact facets belong to some boundaries, as booleans."""
+        """The contact facets on some boundaries, as booleans."""
         on = np.isin(self._name, list(self.problem.contact_names))
         return np.isin(self._name, list(names))[on]
 
     def _held(self) -> np.ndarray:
-        """Components that a support holds, shape (boundary elements, N)."""
+        """Components that are prescribed by a support, shape (boundary elements, N)."""
         problem = self.problem
         held = np.zeros((len(self.facet), problem.N), dtype=bool)
         for argument, name, component, value in problem.held:
@@ -174,9 +175,9 @@ class Boundary(OuterFacets):
 def hidden_traction(
     rule: HiddenRule, given: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Moments with hat functions (N, N) and the mean square of what is not affine (N, N).
+    """Moments with the hat functions (N, N), and the mean square of the non-affine part (N, N).
 
-    ``given`` are the components that no support holds.
+    ``given`` marks the components that no support prescribes.
     """
     N = rule.shares.shape[1]
     size = rule.weights.sum()
@@ -193,9 +194,9 @@ def hidden_obstacle(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertex values (N,) of an affine function below psi, and the moments of psi less it (N,).
 
-    ``ends`` are the values of psi at the vertices, ``bent`` (0 or 3,) what functions of the edges
-    are subtracted from it before.  Between the points psi less these is expected to fall by no more
-    than it varies by on a part.
+    ``ends`` are the values of psi at the vertices; ``bent`` (0 or 3,) are coefficients of edge
+    functions that are subtracted from psi first.  Between the points the difference is assumed to
+    decrease by at most its variation on a part.
     """
     at_corners = rule.at_corners[:, :, 0]
     values = rule.values[:, 0]

@@ -8,15 +8,15 @@ deviatoric coordinates d of the stress
 
     F(r) = max over g >= 0 of  r g - h/2 g^2 - int_0^g beta,
 
-where linear hardening has F = 1/(2 h) ([r - beta]_+)^2.  It is conjugate to the density of J, which
-leaves out mu_2 |p_0|^2, as a function of the strain beyond the initial one.  F is convex, does not
-fall, and F' is the g of the maximum; it is infinite where the law does not harden up to r.
+where linear hardening has F = 1/(2 h) ([r - beta]_+)^2.  phi* is conjugate to the density of J
+without the constant mu_2 |p_0|^2, as a function of the strain less the initial strain.  F is convex
+and nondecreasing; F'(r) is the g of the maximum.  F is infinite for r that the law never reaches.
 
-In three dimensions the coordinates are m and the five of d, in the law of two dimensions m = a and
-d = b.  In plane strain no equation restricts sigma_zz, that is the coordinate d_1 = zeta of
-diag(1, 1, -2)/6^(1/2) with m = a - zeta/6^(1/2): every zeta bounds, the one that is taken nearly
-minimises phi* - zeta offset, in which the offset stands for the initial strain eps_zz.  In plane
-stress sigma_zz = 0 fixes it.
+In three dimensions the coordinates are m and the five of d; in the law of two dimensions m = a and
+d = b.  In plane strain no equation restricts sigma_zz, the coordinate d_1 = zeta along
+diag(1, 1, -2)/6^(1/2) with m = a - zeta/6^(1/2): any zeta gives a bound.  The zeta computed here
+nearly minimises phi* - zeta offset, where offset represents the initial strain eps_zz.  In plane
+stress, sigma_zz = 0 determines zeta.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ R6 = np.sqrt(6.0)
 
 ZETA_STEPS = 6  # Newton steps for zeta where the stress yields
 UNREACHED = 1.0
-"""A finite |p| in place of an infinite one, for searches of stresses."""
+"""Finite value used in place of an infinite |p| while a stress is searched."""
 
 # m, and the coordinates of d, by those in the plane where sigma_zz = 0
 THIN = np.array([[2 / 3, 0, 0], [0, 1, 0], [R6 / 3, 0, 0], [0, 0, 1]])
 
 
 class Completed(NamedTuple):
-    """A stress with its third direction, shapes (...) and (..., d).
+    """A stress with its component along the third direction, shapes (...) and (..., d).
 
     ``mean`` m and ``deviator`` d; with s = d - dev alpha_0, ``over`` is [|s| - beta]_+,
     ``direction`` s/|s|, ``size`` |s|, and ``gained`` is F'(|s|), inf where F is.
@@ -68,7 +68,7 @@ class Completed(NamedTuple):
 
     @property
     def reached(self) -> np.ndarray:
-        """``gained``, with a number in place of inf."""
+        """``gained`` with ``UNREACHED`` in place of inf."""
         return np.where(np.isfinite(self.gained), self.gained, UNREACHED)
 
 
@@ -76,10 +76,10 @@ OF_LAW = ("bulk", "two_mu", "hardening", "beta", "offset", "back", "initial")
 
 
 class Conjugate:
-    """phi* on cells that carry one set of material data each: the law's at every ``each``-th point.
+    """phi* on cells with constant material data, taken from every ``each``-th point of the law.
 
-    ``back`` and ``initial`` may differ from point to point of a cell, (cells, 1 or points, d).
-    ``resistance`` is that of the law for cells, ``columns`` the same for arrays (cells, points).
+    ``back`` and ``initial`` may vary from point to point of a cell, (cells, 1 or points, d).
+    ``resistance`` is the law's for the cells, ``columns`` the same for arrays (cells, points).
     """
 
     def __init__(self, law: Law, each: int = 1) -> None:
@@ -105,9 +105,10 @@ class Conjugate:
         return part
 
     def completed(self, z: np.ndarray) -> Completed:
-        """The whole stress for coordinates z (cells, points, c).
+        """The stress with all components for coordinates z (cells, points, c).
 
-        Zeta is elastic where the stress that follows does not yield, elsewhere by Newton steps.
+        zeta is the elastic one where the resulting stress does not yield; elsewhere it is computed
+        by Newton steps.
         """
         if self.whole:
             return self._completed(z[..., 0], z[..., 1:])
@@ -145,7 +146,7 @@ class Conjugate:
         return (at.over > 0) / stiffness, at.reached / size
 
     def sought(self, at: Completed) -> np.ndarray:
-        """The objective of searches: ``value``, extended as a finite convex function."""
+        """The function that searches minimise: ``value``, extended to a finite convex function."""
         return self.value(at._replace(gained=at.reached))
 
     def value(self, at: Completed) -> np.ndarray:
@@ -203,10 +204,10 @@ class Conjugate:
         """Upper bounds of int phi* over each cell, plus ``rest``, shape (cells,).
 
         For linear hardening the plastic term is the integral of the squared distance of s from the
-        ball |q| <= beta.  That is at most |s - q| for the q whose coefficients are the points of
-        the ball that are nearest to those of s: q lies in their convex hull.  Other laws: see
-        ``_of_any_law``.  Parts are split where that exceeds a rule most, until what is left is
-        small beside all integrals and ``rest``.
+        ball |q| <= beta.  The distance is at most |s - q|, where the Bernstein coefficients of q
+        are those of s projected onto the ball: q lies in their convex hull.  For other laws see
+        ``_of_any_law``.  Parts where this bound exceeds a quadrature rule most are split, until the
+        possible gain is small relative to the sum of all integrals and ``rest``.
 
         ``nodal`` (cells, nodes, c) are stress coordinates at the nodes of the parts of each cell:
         the vertices of three or four parts, or vertices and edge midpoints of three.
@@ -224,7 +225,7 @@ class Conjugate:
         smooth += square_integrals(total, part) / self.two_mu[:, None]
         result = rest + smooth.sum(axis=1) / 2
         if self.offset.any():
-            zeta = d[..., 1].mean(axis=2)  # the mean of a polynomial's coefficients
+            zeta = d[..., 1].mean(axis=2)  # mean of a polynomial = mean of its coefficients
             result = result - self.offset * (part * zeta).sum(axis=1)
         outside = np.einsum("tkid,tkid->tki", s, s) > self.beta[:, None, None] ** 2
         cell, place = np.nonzero(outside.any(axis=2))
@@ -251,7 +252,7 @@ class Conjugate:
     def _plastic(
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The bound and a rule for polynomials s (parts, k, d) on parts of cells."""
+        """The bound and a quadrature rule for polynomials s (parts, k, d) on parts of cells."""
         if not self.resistance.is_constant:
             return self._of_any_law(s, volume, cell)
         two_h = 2 * self.hardening[cell]
@@ -270,12 +271,12 @@ class Conjugate:
     def _of_any_law(
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same for a law of hardening, by convexity alone.
+        """The same for a nonlinear hardening law, by convexity alone.
 
         F(|s|) is convex in s, so that the mean of its values at the coefficients bounds its mean.
-        With the largest and the smallest |s| the maximum in F is between two g.  There beta(g) is
-        no less than beta(g_0) + slope (g - g_0) in the integral from any g_0 on, if slope is no
-        more than beta' there: F is at most that of linear hardening with another yield bound.
+        A second bound: the largest and the smallest |s| bound the g of the maximum.  Between these
+        beta(g) >= beta(g_0) + slope (g - g_0) for g >= g_0, with slope = min beta': F is at most
+        that of linear hardening with this slope and another yield bound.
         """
         resistance = self.resistance.of(cell)
         h = self.hardening[cell]
@@ -312,7 +313,7 @@ class Conjugate:
 def _potential(
     resistance: Resistance, hardening: np.ndarray, size: np.ndarray
 ) -> np.ndarray:
-    """F of sizes of s, of any shape that broadcasts with the law."""
+    """F(size), for sizes of any shape that broadcasts with the law."""
     gained = resistance.gained_at(size, hardening)
     return flow_potential(resistance, hardening, size, gained)
 
@@ -320,7 +321,7 @@ def _potential(
 def flow_potential(
     resistance: Resistance, modulus: np.ndarray, size: np.ndarray, gained: np.ndarray
 ) -> np.ndarray:
-    """size g - modulus/2 g^2 - int_0^g beta at the g of its maximum, inf where that is."""
+    """size g - modulus/2 g^2 - int_0^g beta at its maximum g = ``gained``, inf for infinite g."""
     finite = np.isfinite(gained)
     g = np.where(finite, gained, 0.0)
     over = np.maximum(size - resistance.beta, 0.0)
@@ -331,10 +332,10 @@ def flow_potential(
 def least_potential(
     resistance: Resistance, modulus: np.ndarray, s: np.ndarray, area: np.ndarray
 ) -> np.ndarray:
-    """No more than int G(|s|) over triangles, G being F with this modulus in place of h.
+    """A lower bound of int G(|s|) over triangles, where G is F with this modulus in place of h.
 
-    G is convex: its mean is no less than its value at the mean of s.  Where |s| > beta everywhere
-    it is no less than that of linear hardening with the largest slope of beta, from any g_0 on.
+    G is convex: its mean is at least its value at the mean of s.  Where |s| > beta everywhere, G is
+    at least that of linear hardening with the largest slope of beta beyond g_0.
 
     ``s`` (n, k, d) are vertex values of affine functions; ``area``, the sizes, has shape (n,).
     """

@@ -12,7 +12,7 @@ from ngepc.discretisation.conditions import initial_displacements
 from ngepc.discretisation.rows import ContactRows
 from ngepc.local.system import DiscreteProblem, State
 
-LEVEL = 1e-9  # square of the free part of a normal that moves nothing
+LEVEL = 1e-9  # a normal whose free part has a smaller square counts as held
 CLEAR = 1e-12  # tolerance of penetration, relative to the largest displacement
 NORMAL_PASSES = (
     50  # most passes over the facets that meet at a vertex until all of them are clear
@@ -29,10 +29,10 @@ OF_FACET = {2: ((0, 1),), 3: ((1, 2), (0, 2), (0, 1))}
 
 
 def gathered(rows: ContactRows, of_vertices: csr_matrix) -> csr_matrix:
-    """The matrix that distributes rows between vertices in equal parts to vertices' rows, (m, m).
+    """The matrix that moves forces of edge rows to the rows of the vertices, (m, m).
 
-    Of several rows at a vertex the one with the nearest normal takes it; ``of_vertices`` are the
-    rows of each vertex.
+    The two ends of an edge take half of its force each.  If a vertex has several rows, the one with
+    the nearest normal takes it.  ``of_vertices`` are the rows of each vertex.
     """
     m = len(rows)
     columns = np.repeat(np.arange(m), 4)
@@ -52,9 +52,10 @@ def gathered(rows: ContactRows, of_vertices: csr_matrix) -> csr_matrix:
 class ContactFacets:
     """The contact facets of a discrete problem.
 
-    ``nodes`` (facets, .) are the vertices, with order two the edge too; ``row_of`` (facets, N) the
-    contact row of each vertex, -1 where a support holds it, of several the one whose normal is
-    nearest to that of the facet; ``normal``, ``measure`` and ``owner`` those of the facets.
+    ``nodes`` (facets, .) are the vertices of the facets, followed by the edges for order two.
+    ``row_of`` (facets, N) is the contact row of each vertex, -1 where a support holds it; if a
+    vertex has several rows, the one whose normal is nearest to that of the facet.  ``normal``,
+    ``measure`` and ``owner`` belong to the facets.
     """
 
     def __init__(self, discrete: DiscreteProblem, boundary: Boundary) -> None:
@@ -102,11 +103,11 @@ class ContactFacets:
         return nodes[:, self.N + 1 :].ravel()[first[found]]
 
     def moments(self, values: np.ndarray) -> np.ndarray:
-        """Of affine functions, from vertex values (facets, N, .), by ``nodes``."""
+        """Moments of affine functions, given at vertices (facets, N, .), at ``nodes``."""
         return self.measure[:, None, None] * np.matmul(self._hats.T, values)
 
     def slack(self, u: np.ndarray) -> np.ndarray:
-        """The gap less u . n by ``nodes``, shape (facets, nodes)."""
+        """The slack psi - u . n at ``nodes``, shape (facets, nodes)."""
         slack = -np.einsum("eac,ec->ea", u[self.nodes], self.normal)
         gap = self.boundary.gap
         slack[:, : gap.shape[1]] += gap
@@ -120,15 +121,14 @@ class ContactFacets:
         return N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
 
     def edge_coefficients(self, slack: np.ndarray) -> np.ndarray:
-        """Bernstein's coefficients of the edges from values by ``nodes``, order two."""
+        """Bernstein coefficients of the edges from values at ``nodes``, order two."""
         ends = np.array(OF_FACET[self.N])
         return slack[:, ends].mean(axis=2) + BUBBLE / 2 * slack[:, self.N :]
 
     def cleared(self, u: np.ndarray) -> np.ndarray:
-        """Nodal displacements near ``u`` that meet supports and clear the obstacle everywhere.
+        """Nodal displacements near ``u`` that satisfy supports and do not penetrate the obstacle.
 
-        A parabola below zero at its ends does not rise above between them.  RuntimeError where
-        supports keep a vertex or an edge from clearing it.
+        RuntimeError where supports prevent that at a vertex or an edge.
         """
         u = np.where(self.discrete.supports.free, u, self.discrete.supports.values)
         rounding = CLEAR * np.abs(u).max(initial=0.0)
@@ -147,10 +147,10 @@ class ContactFacets:
         return u
 
     def _edges_cleared(self, u: np.ndarray) -> bool:
-        """Lower u at the edges where it rises above the obstacle; whether supports forbid it.
+        """Lower u at the edges where it penetrates the obstacle; True if supports prevent that.
 
-        On a segment a parabola is nowhere negative with end values a, b >= 0 and a coefficient
-        above -(a b)^(1/2), on a triangle a quadratic function with coefficients >= 0.
+        A parabola with end values a, b >= 0 is nonnegative if its middle Bernstein coefficient is
+        at least -(a b)^(1/2); a quadratic function on a triangle, if all coefficients are >= 0.
         """
         rounding = CLEAR * np.abs(u).max(initial=0.0)
         for _ in range(NORMAL_PASSES):
@@ -171,10 +171,10 @@ class ContactFacets:
     def _lower(
         self, u: np.ndarray, nodes: np.ndarray, excess: np.ndarray, value: float
     ) -> bool:
-        """Lower u . n by a positive excess (facets,); whether supports forbid it somewhere.
+        """Lower u . n by a positive excess (facets,); True if supports prevent that somewhere.
 
-        The unknowns of the nodes (facets,) count ``value`` times.  Of several facets at a node
-        the one with the largest excess counts: the gap of each of them has to be kept.
+        A unit change of the unknowns of ``nodes`` (facets,) changes u . n by ``value``.  At a node
+        of several facets the largest excess is taken, so that the gap of each facet is kept.
         """
         n = np.where(self.discrete.supports.free[nodes], self.normal, 0.0)
         square = np.einsum("ec,ec->e", n, n)
@@ -188,8 +188,9 @@ class ContactFacets:
     def pressure(self, multipliers: np.ndarray) -> np.ndarray:
         """P >= 0 at the vertices from forces of the rows (stress), (facets, N).
 
-        For order one it has their nodal forces, for order two in the plane the nearest ones that
-        an affine pressure on each facet can have: a pressure with other forces costs sharpness.
+        For order one the nodal forces of P are those of the rows.  For order two in the plane they
+        are the nearest ones that a pressure affine on each facet can have.  Pressures with other
+        forces make the bound less sharp.
         """
         forces = np.maximum(multipliers, 0.0)
         if self.problem.order == 2 and self.N == 3:
@@ -201,14 +202,14 @@ class ContactFacets:
         return nnls(*self._fit(forces, P))[0].reshape(P.shape)
 
     def stresses(self, forces: np.ndarray) -> np.ndarray:
-        """The same from forces of either sign."""
+        """The same for forces of any sign."""
         P = self._means(forces)
         if self.problem.order == 1 or self.N == 3 or not P.any():
             return P
         return np.linalg.lstsq(*self._fit(forces, P), rcond=None)[0].reshape(P.shape)
 
     def _fit(self, forces: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The equations of affine pressures near P with the nodal forces of the rows."""
+        """Least squares: affine pressures near P whose nodal forces are those of the rows."""
         N = self.N
         supports = self.discrete.supports
         moments = self.measure[:, None, None] * self._hats.T
@@ -233,7 +234,7 @@ class ContactFacets:
     def _means(self, forces: np.ndarray) -> np.ndarray:
         """Forces of the rows over their areas at the vertices, (facets, N).
 
-        Where a support holds a vertex it is the mean of the others.
+        A vertex that a support holds gets the mean of the other vertices of its facet.
         """
         values = np.append(self._stress(forces), 0.0)
         P = values[self.row_of]
@@ -242,7 +243,7 @@ class ContactFacets:
         return np.where(there, P, mean[:, None])
 
     def _stress(self, forces: np.ndarray) -> np.ndarray:
-        """Forces of the rows (m, ...) with those beside them over their areas, same shape."""
+        """Forces of the rows (m, ...), with edge rows distributed, over their areas, same shape."""
         area = self._gathered @ self.discrete.rows.weights
         return (self._gathered @ forces) / area.reshape(-1, *[1] * (forces.ndim - 1))
 
@@ -268,7 +269,7 @@ class ContactFacets:
     def friction_works(self, u: np.ndarray) -> np.ndarray:
         """No less than int F |slip| over each facet: |slip| is convex there.
 
-        Of parabolas the sizes of Bernstein's coefficients are taken.
+        For parabolas the norms of the Bernstein coefficients are used.
         """
         F = self.boundary.friction
         if not F.any():
@@ -285,7 +286,7 @@ class ContactFacets:
         return self.measure * ((F * size).sum(axis=1) / 6 + between)
 
     def pushed(self, state: State, P: np.ndarray) -> np.ndarray:
-        """Forces of the body on the obstacle by ``nodes``, shape (facets, nodes, N)."""
+        """Forces of the body on the obstacle at ``nodes``, shape (facets, nodes, N)."""
         return self.moments(P[:, :, None] * self.normal[:, None] + self.friction(state))
 
     def opening(self, u: np.ndarray, P: np.ndarray) -> np.ndarray:

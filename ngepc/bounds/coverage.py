@@ -19,7 +19,7 @@ COVERS = (
 
 # part of its largest value by which a coefficient may vary on an element and count as constant
 CONSTANT = 1e-10
-# what may be affine on the triangles where displacements are of order two
+# data that may be affine on triangles for displacements of order two
 AFFINE = ("initial_plastic_strain", "initial_hardening (alpha_2)")
 _INSIDE = {ET.TRIG: IntegrationRule(ET.TRIG, 8), ET.TET: IntegrationRule(ET.TET, 6)}
 """Points at which polynomials of degree three are determined."""
@@ -34,9 +34,9 @@ MIDDLES = slice(4, 7)
 class FacetRule:
     """Points on a boundary facet: its vertices, the middles of it and its edges, those of a rule.
 
-    Between vertices the defects of smooth obstacles are largest near the middles. ``shares`` are
-    the barycentric coordinates of the points; ``weights``, zero at vertices and middles, add up to
-    one.
+    The interpolation error of a smooth obstacle is largest near the middles.  ``shares`` are the
+    barycentric coordinates of the points; ``weights`` add up to one and are zero at vertices and
+    middles.
     """
 
     def __init__(self, shape: ET, order: int) -> None:
@@ -57,26 +57,26 @@ class FacetRule:
         return values - self.shares @ values[:, : self.shares.shape[1]]
 
     def bubbles(self, values: np.ndarray) -> np.ndarray:
-        """Of scalars (facets, points) on triangles the part of the edges' functions, (facets, 3).
+        """Coefficients of edge functions, (facets, 3), of scalars (facets, points) on triangles.
 
-        With them the quadratic function has the values at the vertices and the middles of edges.
+        The quadratic function with these coefficients interpolates at vertices and edge midpoints.
         """
         middles = self.affine_defect(values[:, :, None])[:, MIDDLES, 0]
         return middles / (BUBBLE / 4)
 
     def bent(self, amount: np.ndarray) -> np.ndarray:
-        """Of edges' functions with these amounts (facets, 3) the values at the points.
+        """Values at the points of edge functions with these coefficients (facets, 3).
 
-        Without any it is zero.
+        Zero without edge functions.
         """
         if not amount.shape[1]:
             return np.zeros((len(amount), len(self.shares)))
         return amount @ edge_functions(self.shares).T
 
     def lowest_defect(self, values: np.ndarray) -> np.ndarray:
-        """No more than the least defect of scalars (facets, points), zero at most, (facets,).
+        """Lower bound of values less their affine interpolant, at most zero, (facets,).
 
-        Of quadratics it is exact.
+        ``values`` are scalars (facets, points); the bound is exact for quadratic functions.
         """
         defect = self.affine_defect(values[:, :, None])[:, :, 0]
         sampled = defect.min(axis=1, initial=0.0)
@@ -93,9 +93,9 @@ def edge_functions(shares: np.ndarray) -> np.ndarray:
 def lowest_of_quadratics(middles: np.ndarray) -> np.ndarray:
     """The least value inside a triangle of quadratics that vanish at its vertices, (facets,).
 
-    Given are the values at the middles of the edges (facets, 3).  With a, b, c for these the
-    quadratic is 4 (a l_1 l_2 + b l_0 l_2 + c l_0 l_1), and stationary at l_0 = a (b + c - a) / s,
-    ..., s the sum of these three, with the value 4 a b c / s.  Zero where that is outside.
+    ``middles`` (facets, 3) are the values a, b, c at the middles of the edges.  The quadratic
+    4 (a l_1 l_2 + b l_0 l_2 + c l_0 l_1) is stationary at l_0 = a (b + c - a) / s, ..., where s is
+    the sum of the three numerators; its value there is 4 a b c / s.  Zero if that is outside.
     """
     rest = middles.sum(axis=1, keepdims=True) - 2 * middles
     places = middles * rest

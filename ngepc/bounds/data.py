@@ -1,6 +1,7 @@
 """The data shared by the bounds of all states on one mesh.
 
-Strains of displacements of order two are affine on each cell, and its points fix them.
+Strains of displacements of order two are affine on each cell; their values at the integration
+points determine them.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
-# fraction of the largest nodal force that may be missing after PASSES corrections at most
+# tolerance of equilibrium relative to the largest nodal force, and the most corrections
 BALANCED = 1e-12
 PASSES = 2
 PARTED = (
-    2  # how often cells are split where a law of hardening is integrated from below
+    2  # how often cells are split for lower bounds of integrals of a hardening law
 )
 UNSTRAINED = 1e-8
-"""Smallest strain whose forces are the scale of equilibrium."""
+"""Strain whose forces are the smallest scale for residuals of equilibrium."""
 
 # values of affine functions at the vertices from those at the three or four points
 AT_CORNERS = {3: 2 * np.eye(3)[[1, 2, 0]] - 1 / 3, 4: np.linalg.inv(RULE[4])}
@@ -39,10 +40,10 @@ AT_CORNERS = {3: 2 * np.eye(3)[[1, 2, 0]] - 1 / 3, 4: np.linalg.inv(RULE[4])}
 class Effort:
     """Limits of the search for the best stress.
 
-    At most ``newton`` Newton steps follow the solve with the tangent at the discrete stress; none
-    if the bound exceeds the value predicted by the tangent by less than the fraction ``trust``.
-    Conjugate gradients stop at a step that lowers the bound by less than the fraction ``gain``,
-    and after at most ``steps``.
+    The first solve uses the tangent at the discrete stress.  At most ``newton`` Newton steps
+    follow; none if the bound exceeds the tangent's prediction by less than the fraction ``trust``.
+    Conjugate gradients stop at a step that lowers the bound by less than the fraction ``gain``, and
+    after at most ``steps`` steps.
     """
 
     newton: int = 2
@@ -54,20 +55,22 @@ class Effort:
 class BoundData:
     """Geometry, data and spaces of a discrete problem.
 
-    ``conjugate`` and ``at_nodes`` are phi* at the points and at the nodes of the parts of each
-    cell, ``weights`` those of the points at which stresses are integrated.  ValueError for problems
-    that no bound covers.  Subclasses have ``best_stress(state, tangent, P)``: an admissible stress
-    for which the bound is small, again at points, and its P.  It is sought near a state, by a
-    tangent of a state near it (or without factors), from the contact pressure P (contact facets,
-    N). The first are coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2,
-    c), the second those at the points of ``strain``.
+    ``conjugate`` and ``at_nodes`` are phi* at the integration points and at the nodes of the parts
+    of each cell; ``weights`` are the weights of the points.  ValueError for problems that no bound
+    covers.
+
+    Subclasses have ``best_stress(state, tangent, P)``, which searches an admissible stress with a
+    small bound near a state.  ``tangent`` belongs to a state nearby (or has no factors yet), and P
+    (contact facets, N) is the contact pressure to start from.  It returns the stress as coordinates
+    at the vertices of the N + 1 parts of each cell (nt, (N + 1)^2, c), the same at the points of
+    ``strain``, and its contact pressure.
     """
 
     weights = np.ones(1)
     lower: BoundData | None = None
     lower_state: State | None = None
-    """The data of order one on the same mesh, where stresses of order two are those of it, and its
-    solution from ``best_stress`` on."""
+    """The data of order one on the same mesh, which stresses of order two are computed with, and the
+    solution of order one, which ``best_stress`` sets."""
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         check_covered(discrete.problem)
@@ -103,10 +106,11 @@ class BoundData:
     def built(
         self, own: np.ndarray, needed: np.ndarray, given: np.ndarray, table: np.ndarray
     ) -> np.ndarray:
-        """The stress with means of facet moments ``own`` of both sides, equilibrated.
+        """An equilibrated stress whose facet moments are near the means of both sides.
 
-        ``own`` (nt, N + 1, N, N) are outward, ``needed`` and ``given`` those of ``Patches``; a
-        table from data as ``Element.of_data`` says where the stress is known, (nt, places, c).
+        ``own`` (nt, N + 1, N, N) are the outward facet moments of each cell; ``needed`` and
+        ``given`` are arguments of ``Patches.repaired``; ``table``, as ``Element.of_data``, maps the
+        moments to stresses (nt, places, c).
         """
         c = self.cells
         N = self.cells.N
@@ -124,7 +128,7 @@ class BoundData:
         return np.matmul(stress.reshape(len(signs), -1, len(self.piola[0])), self.piola)
 
     def at_corners(self, values: np.ndarray) -> np.ndarray:
-        """Affine functions (., c), known at the points of each cell, at its vertices."""
+        """Values at the vertices of each cell of affine functions given at its points (., c)."""
         k = self.each
         values = values.reshape(len(self.cells.nodes), k, -1)
         result = np.matmul(AT_CORNERS[k], values)
@@ -132,7 +136,7 @@ class BoundData:
         return result
 
     def on_parts(self, values: np.ndarray) -> np.ndarray:
-        """The same at points of the parts (nt, ., c), or constants once for each cell."""
+        """Values at the points of the parts (nt, ., c); one value for each cell if constant."""
         if self.each == 1:
             return values[:, None]
         return np.matmul(AT_POINTS[self.each], self.at_corners(values))
@@ -145,9 +149,10 @@ class BoundData:
         return state.energy - state.friction_work + more
 
     def loads(self, state: State, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Facet moments of given tractions (nf, N, N); nodal forces that the stress balances.
+        """Facet moments of given tractions (nf, N, N), and the nodal forces to be balanced.
 
-        The latter, (nodes, N), are of loads as far as the stress carries them, and of contact.
+        The nodal forces (nodes, N) are those of contact and of the part of the loads that the
+        stress represents exactly.
         """
         c = self.cells
         outer = self.cells.outer
@@ -174,7 +179,7 @@ class BoundData:
         return density.reshape(-1, self.each).sum(axis=1) + self._missed(state)
 
     def _missed(self, state: State) -> np.ndarray:
-        """Upper bound of the integral less the sum over the points, for each cell."""
+        """Upper bound of the quadrature error of phi, for each cell."""
         area = self.cells.volume
         if self.each == 1:
             return np.zeros(len(area))
@@ -188,9 +193,9 @@ class BoundData:
         return (summed - least) / (2 * (law.two_mu + law.hardening))
 
     def _missed_by_any_law(self, state: State) -> np.ndarray:
-        """The same for a law of hardening.
+        """The same for a nonlinear hardening law.
 
-        phi lacks G(|s|), the F of ``Conjugate`` with M = 2 mu_2 + h in place of h.
+        phi is the elastic density less G(|s|), the F of ``Conjugate`` with M = 2 mu_2 + h for h.
         """
         law = self.discrete.law
         at = state.at
@@ -209,7 +214,7 @@ class BoundData:
         return summed - np.bincount(cells, found, minlength=len(summed))
 
     def strain(self, state: State) -> np.ndarray:
-        """The strain coordinates whose product with a stress is sigma : eps, as ``on_parts``."""
+        """Strain coordinates whose product with a stress is sigma : eps, shape of ``on_parts``."""
         return self.on_parts(strain_coordinates(state))
 
     def balanced(self, state: State, tangent: Factors, load: np.ndarray) -> np.ndarray:
@@ -234,13 +239,16 @@ class BoundData:
         return stress_coordinates(*self.discrete.law.stress(state.at))
 
     def answer(self, tangent: Factors, change: np.ndarray) -> np.ndarray:
-        """The stress of a change of displacements (nodes, N) by a tangent, (points, c)."""
+        """The change of stress (points, c) for a change of displacements (nodes, N)."""
         strain = self.discrete.points.strain(change)
         return stress_coordinates(*tangent.moduli.stress(*strain))
 
 
 def feasible_state(bound_data: BoundData, given: State) -> tuple[State, float]:
-    """The state moved out of the obstacle, with radial return, and the size of the move."""
+    """The state without penetration of the obstacle, and the largest change of displacement.
+
+    The plastic strain is computed again, by radial return.
+    """
     u = bound_data.contact.cleared(given.u)
     moved = float(np.abs(u - given.u).max(initial=0.0))
     if moved <= given.touching_distance:
@@ -249,7 +257,7 @@ def feasible_state(bound_data: BoundData, given: State) -> tuple[State, float]:
 
 
 def factorise(state: State, tangent: Factors) -> None:
-    """Take the tangent at the state unless there are factors of another one."""
+    """Factorise the tangent at the state, unless it has factors already."""
     if tangent.moduli is None:
         tangent.update(state.moduli)
 
@@ -257,7 +265,7 @@ def factorise(state: State, tangent: Factors) -> None:
 def strain_coordinates(state: State) -> np.ndarray:
     """Coordinates (nt, c) of the strain of a state, whose product with stresses is sigma : eps.
 
-    In plane stress the in-plane trace takes the place of the whole one.
+    In plane stress the in-plane trace is used in place of the trace.
     """
     volume = state.volume
     if state.discrete.law.across is not None:

@@ -153,14 +153,14 @@ def _proved_unique(
 def _other_forces(
     here: Iterate, compliance: Solve, rows: np.ndarray
 ) -> np.ndarray | None:
-    """Other forces of some rows that obey Coulomb's law, see ``FrictionCone.rival``."""
+    """Other forces of some rows that obey Coulomb's law, see ``FrictionCone.other_forces``."""
     cone = here.body.contact.friction
     chosen = cone.numbers(rows)
     unit = (np.arange(len(here.contact)) == chosen[:, None]).astype(float)
     S = np.array([compliance(e)[chosen] for e in unit])
     sizes = S.diagonal().copy()
     rigid = here.body.floating.compliance[chosen]
-    return cone.of(rows).several_solutions(
+    return cone.of(rows).other_forces(
         S, here.gaps[chosen], here.contact[chosen], sizes, rigid
     )
 

@@ -232,7 +232,7 @@ def test_the_condition_for_one_solution_is_an_eigenvalue():
             follows, lambda x, S=S: S @ x, lambda g, S=S: np.linalg.solve(S, g)
         )
         assert unique == (largest < 1) or (0.9 < largest < 1 and not unique)
-        assert not unique or cone.rival(S, left, forces) is None
+        assert not unique or cone.other_forces(S, left, forces) is None
         proved.append(unique)
     assert set(proved) == {True, False}
 
@@ -241,7 +241,7 @@ def test_the_condition_for_one_solution_is_an_eigenvalue():
 @pytest.mark.parametrize("cells", [(16, 8), (32, 16), (3, 3, 3)])
 def test_small_coefficients_need_no_search(cells, mu, monkeypatch):
     """The condition holds on every mesh, and other equilibria are not looked for."""
-    monkeypatch.setattr(FrictionCone, "rival", None)
+    monkeypatch.setattr(FrictionCone, "other_forces", None)
     assert "Friction" not in solved(pressed(cells, Coulomb(mu))).message
 
 
