@@ -20,7 +20,9 @@ from ngepc.bounds.goal_terms import GoalTerms
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import State
 
-TOUCHES = 1e-10  # rows with more than this fraction of the largest contact force are active
+TOUCHES = (
+    1e-10  # rows with more than this fraction of the largest contact force are active
+)
 HOLDS = 20  # largest number of passes in which rows are added to the active ones
 UNMOVED = 1e-5
 """Tolerance of equilibrium, relative to the forces that hold the displacements."""

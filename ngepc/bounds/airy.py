@@ -32,10 +32,10 @@ class Rule:
     """The points of a triangle at which stresses are stored, and the Airy stresses there.
 
     Affine stresses are stored at the edge midpoints of the three parts, quadratic ones at six
-    points of each part.  ``shares`` (q, 3) are their barycentric coordinates; ``weights`` (3 q,) add
-    up to one; ``nodal`` (q, q) gives values at the nodes of a part, ``rows`` (9 q, n) stresses times
-    det J from the n unknowns of a triangle, ``forces`` is the same with the weights, ``stiffness``
-    (3 q, 6, n^2) the stiffness of a triangle from six compliances at each point.
+    points of each part.  ``shares`` (q, 3) are their barycentric coordinates; ``weights`` (3 q,)
+    add up to one; ``nodal`` (q, q) gives values at the nodes of a part, ``rows`` (9 q, n) stresses
+    times det J from the n unknowns of a triangle, ``forces`` is the same with the weights,
+    ``stiffness`` (3 q, 6, n^2) the stiffness of a triangle from six compliances at each point.
     """
 
     def __init__(self, degree: int) -> None:

@@ -26,9 +26,7 @@ from ngepc.local.system import DiscreteProblem, State
 # tolerance of equilibrium relative to the largest nodal force, and the most corrections
 BALANCED = 1e-12
 PASSES = 2
-PARTED = (
-    2  # how often cells are split for lower bounds of integrals of a hardening law
-)
+PARTED = 2  # how often cells are split for lower bounds of integrals of a hardening law
 UNSTRAINED = 1e-8
 """Strain whose forces are the smallest scale for residuals of equilibrium."""
 
@@ -69,8 +67,8 @@ class BoundData:
     weights = np.ones(1)
     lower: BoundData | None = None
     lower_state: State | None = None
-    """The data of order one on the same mesh, which stresses of order two are computed with, and the
-    solution of order one, which ``best_stress`` sets."""
+    """The data of order one on the same mesh, which stresses of order two are computed with, and
+    the solution of order one, which ``best_stress`` sets."""
 
     def __init__(self, discrete: DiscreteProblem) -> None:
         check_covered(discrete.problem)
