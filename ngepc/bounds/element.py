@@ -6,13 +6,13 @@ by the moments int sigma n phi of the facets with the hat functions phi of their
 constant and rotating body forces.  On a cell with Jacobian J the stress is J s J'/det J, the
 moments are J times the reference moments, a constant body force f has coefficients det J J^-1 f.
 
-In the plane those without divergence and without resultants that do not close are the second
-derivatives of the Airy functions of Hsieh, Clough and Tocher: polynomials on the three parts with
-continuous gradients.  Of degree three they have twelve unknowns: values and gradients at the
-vertices and, on each edge, by how much the normal derivative in the middle differs from the mean of
-those at the ends.  Of degree four, stresses are quadratic, each edge has two more: by how much the
-function in the middle differs from the cubic one of the ends (even), how strongly the normal
-derivative bends there (odd); and three functions vanish with their gradients outside.
+In the plane the self-equilibrated stresses are the second derivatives of the Airy functions of
+Hsieh, Clough and Tocher: polynomials on the three parts with continuous gradients.  Degree three
+has twelve unknowns: values and gradients at the vertices and, on each edge, the normal derivative
+at the midpoint less the mean of those at the ends (bend).  Degree four, with quadratic stresses,
+has two more on each edge: the value at the midpoint less that of the cubic interpolant of the ends
+(even), and the odd part of the normal derivative (odd); and three functions that vanish on the
+boundary of the cell with their gradients.
 """
 
 from __future__ import annotations
@@ -33,11 +33,12 @@ PAIRS = FACETS[2]
 class Element:
     """Tables of the element in N dimensions, with the N + 1 vertices of one part after the other.
 
-    ``stresses`` (vertices, c, k) are components of orthonormal stresses without divergence, as many
-    as ``free``, then those of unit body forces; ``moments`` (moments, k) theirs by facet, vertex
-    and direction; ``of_data`` (vertices c, .) gives stresses from moments in equilibrium and
-    forces; ``components`` (c, N, N) are the matrices of the components, ``coordinates`` (c, N, N)
-    those whose products with a stress are its coordinates for ``Conjugate``.
+    ``stresses`` (vertices, c, k) are the components of basis stresses: first ``free`` orthonormal
+    ones without divergence, then those of unit body forces.  ``moments`` (moments, k) are their
+    moments by facet, vertex and direction.  ``of_data`` (vertices c, .) maps moments in equilibrium
+    and body forces to stresses.  ``components`` (c, N, N) are the matrices of the components;
+    ``coordinates`` (c, N, N) are the matrices whose products with a stress are its coordinates for
+    ``Conjugate``.
     """
 
     def __init__(self, N: int) -> None:
@@ -136,7 +137,7 @@ ORDERS = ((0, 0), (1, 0), (0, 1))  # of derivatives: the value and the gradient
 def airy_stresses(degree: int, shares: np.ndarray) -> np.ndarray:
     """Stresses times det J of the Airy functions of a degree, shape (3 q, 3, functions).
 
-    They are known at barycentric points (q, 3) of each part.
+    They are evaluated at barycentric points (q, 3) of each part.
     """
     powers = np.array(
         [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)]

@@ -1,13 +1,13 @@
 """Facet moments in equilibrium on each cell, from a stress in equilibrium against hat functions.
 
-After Ladeveze: the moments mu of a facet with the hat functions of its vertices are sought such
-that, for each cell T and vertex i,
+After Ladeveze: find the moments mu of each facet with the hat functions of its vertices such that,
+for each cell T and vertex i,
 
-    sum over the facets of T   +- mu_i = what the cell needs there,
+    sum over the facets of T   +- mu_i = int_T sigma grad phi_i - int_T f phi_i.
 
-that is int_T sigma grad phi_i - int_T f phi_i.  The equations of a vertex hold only its own
-moments: a graph Laplacian on the cells around it.  Their sum is the equilibrium of the nodal
-forces, so that they can be solved; the deviation from the moments that are wished is least.
+The equations of a vertex contain only the moments of this vertex: a graph Laplacian on the cells
+around it.  The sum of the equations is the equilibrium of the nodal forces, so that they have a
+solution; the one nearest to given moments is taken.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from scipy.sparse.csgraph import connected_components
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.simplices import FACETS
 
-BALANCED = 1e-8  # fraction of the largest corner force that may be out of balance
+BALANCED = 1e-8  # tolerance of equilibrium relative to the largest corner force
 ROUNDING = (
-    1e-13  # fraction of the largest moment that may be missing without one more pass
+    1e-13  # residual, relative to the largest moment, above which another pass is made
 )
 PASSES = 2
 
 
 class Patches:
-    """The cells around each vertex and the inverse Laplacians of their corners.
+    """The cells around each vertex and the inverse graph Laplacians of their corners.
 
-    Corners are numbered vertex by vertex.  ``smallest`` is a force that counts as zero: the
-    stresses of a body without loads are rounding errors, which cannot be balanced.  ValueError for
-    a body whose parts meet in a single vertex or edge.
+    A corner is a cell with one of its vertices; corners are numbered vertex by vertex.
+    ``smallest`` is a force that counts as zero: without loads the stresses are rounding errors,
+    which have no equilibrium.  ValueError for a body whose parts meet in a single vertex or edge.
     """
 
     def __init__(self, boundary: Boundary, smallest: float = 0.0) -> None:
@@ -66,7 +66,7 @@ class Patches:
             )
 
     def _inverse(self, free: np.ndarray) -> csr_matrix:
-        """Of the graph Laplacians; where no moment is open outside, a corner is held."""
+        """The inverse Laplacians; if no outer moment is free at a vertex, one corner is held."""
         size = np.diff(self._first, append=len(self._order))
         first = np.repeat(self._first, size)
         width = np.repeat(size, size)
@@ -96,10 +96,10 @@ class Patches:
     ) -> np.ndarray:
         """The facet moments, outward of the first cell, shape (nf, N vertices, N).
 
-        They are near the ``wished`` ones (nf, N, N), those of tractions on the outer boundary are
-        the ``given`` ones (nf, N, N), and their sums at the corners of the cells are ``needed``
-        (nt, N + 1, N), in equilibrium at each vertex.  RuntimeError where rounding leaves them out
-        of equilibrium: no bound then.
+        They are the nearest to ``wished`` (nf, N, N) that equal ``given`` (nf, N, N) on the
+        traction boundary and whose sums at the corners of the cells are ``needed`` (nt, N + 1, N).
+        The latter must be in equilibrium at each vertex.  RuntimeError if rounding leaves residuals
+        that are too large for a bound.
         """
         N = self.cells.N
         needed = needed.reshape(-1, N)[self._order]

@@ -1,10 +1,10 @@
 """Guaranteed intervals of forces and displacements; their width is a product of two errors.
 
-Let u_h be admissible and sigma^ in equilibrium with the loads and a contact pressure P^, as the
-error bound has them, gap_h = psi - u_h . n >= 0, and s(.) the stress by the strain of the step.  A
-goal Q is l(u) for a load (c = 0), or int c P (l = 0).  Let z be any displacement that vanishes on
-supports, tau^ any stress in equilibrium with the load of the goal and the pressure pi^, and
-lambda > 0 with
+Let u_h be an admissible displacement and sigma^ a stress in equilibrium with the loads and a
+contact pressure P^, as in the error bound; gap_h = psi - u_h . n >= 0, and s(.) the stress by the
+strain of the step.  A goal Q is l(u) for a load (c = 0), or int c P (l = 0).  Let z be any
+displacement that vanishes on supports, tau^ any stress in equilibrium with the load of the goal and
+the pressure pi^, and lambda > 0 with
 
     c - z . n <= lambda gap_h   and   -pi^ <= lambda P^   on contact.
 
@@ -50,12 +50,12 @@ FURTHER = 1.3
 """Factor between the lambdas for which adjoints are computed anew."""
 REBUILDS = 3
 WORTH = 0.01
-"""The part of the width that is worth one more adjoint."""
+"""Another adjoint must reduce the width by this fraction."""
 LARGEST = 1e12
 FIRST = 1.2
-"""The first lambda over the goal per twice the strain energy, which have the same unit.
+"""The first lambda, in units of the goal over twice the strain energy.
 
-Mostly it is below the best one: those that are tried are larger.
+Usually it is below the best lambda, so that larger ones are tried.
 """
 
 
@@ -74,12 +74,12 @@ class GoalBound:
     bound
         The error bound of the result.
     adjoint
-        Error of the adjoint: half the squared residual of its stress and strain in the tangent's
-        law, in the units of the goal squared over energy.
+        Error of the adjoint: half the squared residual between its stress and strain in the
+        tangent's law (goal squared over energy).
     factor
         The lambda of the interval (goal over energy).
     per_cell
-        The contribution of each cell to half the width, nowhere negative but for rounding.
+        The contribution of each cell to half the width, nonnegative up to rounding.
     note
         How the goal was changed to make it continuous.
     """
@@ -128,9 +128,9 @@ class GoalBound:
 
     @property
     def estimate(self) -> float:
-        """An estimate of half the width without kinks: (error x adjoint error)^(1/2).
+        """Estimate of half the width for a smooth problem: (error x adjoint error)^(1/2).
 
-        It is no bound.
+        It is not a bound.
         """
         return math.sqrt(max(self.bound.total, 0.0) * max(self.adjoint, 0.0))
 
@@ -214,7 +214,7 @@ class GoalProblem:
         self._adjoints = AdjointProblem(bound_data, bound.state, bound.pressure)
 
     def bound_of(self, goal: object, near: float | None = None) -> GoalBound:
-        """The interval of a goal; ``near`` is about its lambda, on a mesh before for example."""
+        """The interval of a goal; ``near`` is a guess of lambda, such as that of the last mesh."""
         bound_data = self.bound_data
         terms = terms_of(goal, bound_data)
         discrete = terms.value(bound_data, self.bound.state)
@@ -242,7 +242,7 @@ class GoalProblem:
         return self._followed(terms, best)
 
     def _followed(self, terms: GoalTerms, best: Candidate) -> Candidate:
-        """The best of larger lambdas, else of smaller ones, with an adjoint for each of them."""
+        """Search larger lambdas, then smaller ones; compute a new adjoint for each of them."""
         for ratio in (FURTHER, 1 / FURTHER):
             found = best
             for _ in range(REBUILDS):
@@ -255,7 +255,7 @@ class GoalProblem:
         return best
 
     def _climbed(self, terms: GoalTerms, factor: float) -> Candidate:
-        """The best lambda for the adjoint that is made for a factor, or for a larger one."""
+        """The best lambda for one adjoint, computed for ``factor`` or the next admissible one."""
         found = self._candidate(terms, factor)
         factor = found.factor
         width = found.width
@@ -268,7 +268,7 @@ class GoalProblem:
         return replace(found, factor=factor, width=width)
 
     def _candidate(self, terms: GoalTerms, factor: float) -> Candidate:
-        """The adjoint that is made for a lambda, or for a larger one."""
+        """The adjoint for a lambda, or for the next larger one that is admissible."""
         adjoint = self._adjoints.of(terms, factor)
         while not math.isfinite(adjoint.least):
             factor *= 8
@@ -283,7 +283,7 @@ class GoalProblem:
     def _interval(
         self, terms: GoalTerms, chosen: Candidate, discrete: float
     ) -> GoalBound:
-        """The interval of a choice."""
+        """The interval that an adjoint and its lambda give."""
         contact = self.bound_data.contact
         state = self.bound.state
         adjoint = chosen.adjoint
@@ -310,7 +310,7 @@ class GoalProblem:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An adjoint with the lambda that is best for it, and about the width of the interval."""
+    """An adjoint, the best lambda for it, and an estimate of the width of the interval."""
 
     adjoint: Adjoint
     integrand: Integrand

@@ -1,7 +1,7 @@
 """Goals of guaranteed intervals, as loads, contact facets and motions of supports.
 
-A goal Q is linear in the solution:  the work l(u) of a load, the resultant of c P for a number c on
-each contact facet, or minus the work of all forces in a motion of a support, a reaction.
+A goal Q is linear in the solution: the work l(u) of a load, the resultant of c P with a number c on
+each contact facet, or a reaction, which is minus the work of all forces in a motion of a support.
 """
 
 from __future__ import annotations
@@ -112,11 +112,11 @@ class GoalTerms:
     factor
         c on each contact facet.
     motion
-        The motion of supports, minus that of the reaction, (nodes, N); None if there is none.
+        Minus the unit motion of the support of a reaction, (nodes, N); None if there is none.
     note
         What was replaced to make the goal continuous; may be empty.
     lower
-        The same for ``BoundData.lower``; None where that is.
+        The same goal for ``BoundData.lower``; None if that is None.
     """
 
     name: str
@@ -220,7 +220,7 @@ def _named(goal: str, problem: Problem, zero: np.ndarray) -> GoalTerms:
 def _loaded(
     problem: Problem, traction: Mapping | None, body_force: Vector | None
 ) -> Problem:
-    """The problem with other loads; without history, it is a list of loads only."""
+    """A problem without history that carries only these loads."""
     traction = dict(traction) if traction else None
     return problem.changed(traction=traction, body_force=body_force, pressure=None)
 

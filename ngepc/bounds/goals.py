@@ -165,11 +165,12 @@ def slopes(
     slope: float,
     length: float,
 ) -> tuple[float, float, str]:
-    """The largest lower and the smallest upper slope of chords, and what they do not see.
+    """The largest lower and the smallest upper slope of chords, and the message of their bounds.
 
-    ``problem_at`` is the problem with the parameter changed by a number, ``rise`` no less than the
-    change of the energy along a chord, from the bounds at its ends, of which ``here`` is that of
-    the result; ``slope`` says about how steep the energy is, ``length`` which change is large.
+    ``problem_at(t)`` is the problem with the parameter changed by t.  ``rise(here, there)`` is an
+    upper bound of the change of the energy along a chord, from the error bounds at its ends;
+    ``here`` is the bound of the result.  ``slope`` is an estimate of the derivative, ``length`` an
+    upper limit for t.
     """
     part = math.sqrt(here.total / here.strain_energy)
     first = (

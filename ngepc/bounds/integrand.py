@@ -1,9 +1,9 @@
-"""Integrals of the supremum of a goal over the cells, by a rule and bounded from above.
+"""Integrals of the supremum of a goal over the cells: quadrature, and bounds from above.
 
 For displacements of order one strains are constant on a cell, and the supremum is convex in the
-stresses, which are affine on the parts of the cell: on each part the integral is at most the mean
-of the values at its vertices.  Where it is a quadratic on a part a rule of degree two is exact.
-Parts are cut where the two differ most.
+stresses, which are affine on the parts of the cell: on each part the mean is at most the mean of
+the values at its vertices.  Where the supremum is quadratic on a part, a rule of degree two is
+exact.  Parts are cut where bound and quadrature differ most.
 
 For order two strains are affine too: ``ngepc.bounds.varying``.
 """
@@ -32,7 +32,7 @@ WORTH = 0.05
 
 MIDDLE = {}
 CHILDREN = {}
-"""Middles of the edges of a part, barycentric, and which node is which corner of its parts."""
+"""Edge midpoints of a part (barycentric), and the nodes that are corners of its children."""
 for _k in (3, 4):
     _first, _second = np.triu_indices(_k, 1)
     MIDDLE[_k] = (np.eye(_k)[_first] + np.eye(_k)[_second]) / 2
@@ -48,10 +48,10 @@ CORNER_WEIGHTS = {3: np.zeros(3), 4: np.full(4, -1 / 20)}
 class Integrand:
     """The supremum over the parts of the cells.
 
-    ``tau`` and ``sigma`` (parts, k, 1 + d) are coefficients of stresses on the parts: mean, then
-    deviator; ``data`` and ``strain`` are constant on each part; ``cell`` and ``volume``
-    (parts,) say where a part is; ``opened`` is int P^ gap_h, ``residual`` minus the integral of
-    s(eps_h) : eps(z).
+    ``tau`` and ``sigma`` (parts, k, 1 + d) are the coefficients of the stresses on the parts: mean,
+    then deviator.  ``data`` and ``strain`` are constant on each part.  ``cell`` and ``volume``
+    (parts,) are the cell and the volume of each part.  ``opened`` is int P^ gap_h, ``residual`` is
+    minus the integral of s(eps_h) : eps(z).
     """
 
     tau: np.ndarray
@@ -77,7 +77,7 @@ class Integrand:
         sign: float,
         factor: float,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Suprema at points of parts with these coefficients, (parts, points), and if smooth."""
+        """Suprema at points of parts (parts, points), and whether they are smooth there."""
         count = len(table)
         where = np.repeat(row, count)
         tau = sign * np.matmul(table, tau).reshape(len(where), -1)
@@ -146,7 +146,7 @@ class Integrand:
 
 @dataclass(frozen=True, eq=False)
 class VaryingIntegrand:
-    """The same for displacements of order two."""
+    """``Integrand`` for displacements of order two, whose strains vary on the cells."""
 
     data: VaryingData
     cells: int
@@ -170,7 +170,7 @@ class VaryingIntegrand:
 def integrand_of(
     bound_data: BoundData, bound: ErrorBound, adjoint: Adjoint
 ) -> Integrand | VaryingIntegrand:
-    """The supremum for a bound and an adjoint."""
+    """The integrand for an error bound and an adjoint."""
     state = bound.state
     discrete = bound_data.discrete
     law = discrete.law
@@ -203,7 +203,7 @@ def integrand_of(
 
 
 def on_nodes(bound_data: BoundData, values: np.ndarray) -> np.ndarray:
-    """Of functions given at the points: at the nodes of the parts, or once for each cell."""
+    """Values at the nodes of the parts, or one for each cell, of functions given at points."""
     if bound_data.each == 1:
         return values[:, None]
     return np.matmul(TO_NODES[bound_data.each], bound_data.at_corners(values))
@@ -279,8 +279,8 @@ def completed_near(
 ) -> np.ndarray:
     """Mean and deviator of stresses (cells, nodes, c), near the ``wanted`` (cells, ., 1 + d).
 
-    In plane strain every stress along the third direction will do: that of the wanted one and
-    what answers the difference of the traces elastically.
+    In plane strain sigma_zz is free: it is the wanted one plus the elastic response to the
+    difference of the traces.
     """
     if wanted.shape[2] == stress.shape[2]:
         return stress

@@ -1,4 +1,7 @@
-"""Conjugate gradients for Airy functions: vertices by a direct solver, edges by polynomials."""
+"""Conjugate gradients for Airy functions, preconditioned on two levels.
+
+Unknowns of vertices: a direct solver; unknowns of edges: a Chebyshev polynomial.
+"""
 
 from __future__ import annotations
 
@@ -14,21 +17,20 @@ from ngepc.discretisation.stiffness import Blocks, pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import lower_triangle
 
-EDGE_STEPS = (
-    6  # degree plus one of the polynomial that approximates the inverse on the edges
-)
-LEAST = 0.2  # where the eigenvalues begin for which it is small, relative to their upper bound
+EDGE_STEPS = 6  # steps of Chebyshev's iteration for the unknowns of edges
+LEAST = 0.2  # lower end of its interval of eigenvalues, relative to the upper end
 MODES_UP_TO = 1000
-"""Triangles up to which resultants between supports are unknowns.
+"""Largest number of triangles for which resultants between supports are unknowns.
 
-Those of the discrete solution converge twice as fast as its stress.
+On finer meshes they are taken from the discrete solution: they converge twice as fast as its
+stress.
 """
 
 
 class TwoLevels(Blocks):
     """K x = r for Airy functions, with a direct solver for the vertices.
 
-    Its matrix has blocks of vertices on and below the diagonal, (3, 3).
+    The matrix of the vertices consists of blocks (3, 3) on and below the diagonal.
     """
 
     N = 3
@@ -54,7 +56,7 @@ class TwoLevels(Blocks):
     def update(
         self, blocks: tuple[np.ndarray, ...], forces: Linear, chosen: np.ndarray | slice
     ) -> None:
-        """Take the stiffness on some triangles; unknowns of other ones are held.
+        """Set the stiffness of some triangles; the unknowns of all others are held.
 
         ``blocks`` are those of ``AirySpace.stiffness``, ``forces`` is the product with all
         unknowns, held ones too.
@@ -84,12 +86,12 @@ class TwoLevels(Blocks):
             BitArray(there.tolist()), inverse="sparsecholesky"
         )
         few = len(part.unknowns) == len(space.unknowns) <= MODES_UP_TO
-        modes = space.modes() if few else []  # with free unknowns that follow them
+        modes = space.modes() if few else []  # free unknowns move with the modes
         self._modes = np.array([mode - self._relaxed(forces(mode)) for mode in modes])
         self._gram = np.array([self._modes @ forces(mode) for mode in self._modes])
 
     def product(self, x: np.ndarray) -> np.ndarray:
-        """K x; without modes x vanishes on held unknowns, and forces on them are left out."""
+        """K x; without modes x is zero at held unknowns, and so is the result."""
         if len(self._modes):
             return self._forces(x)
         vertex = x[: self._count]
@@ -101,12 +103,12 @@ class TwoLevels(Blocks):
         return np.append(of_vertices, of_edges + self._on_edges(vertex)) * self._free
 
     def _on_vertices(self, edge: np.ndarray) -> np.ndarray:
-        """Forces on the vertices from edges."""
+        """The block of K that maps unknowns of edges to forces on vertices."""
         forces = np.matmul(edge[self._edges][:, None], self._cross)
         return np.bincount(self._corners.ravel(), forces.ravel(), minlength=self._count)
 
     def _on_edges(self, vertex: np.ndarray) -> np.ndarray:
-        """Forces on the edges from vertices."""
+        """The block of K that maps unknowns of vertices to forces on edges."""
         forces = np.matmul(self._cross, vertex[self._corners][:, :, None])
         return np.bincount(
             self._edges.ravel(), forces.ravel(), minlength=len(self._scale)
@@ -138,7 +140,7 @@ class TwoLevels(Blocks):
         self._largest = abs(self._edge_matrix).sum(axis=1).max()
 
     def _of_edges(self, r: np.ndarray) -> np.ndarray:
-        """An approximate solution for forces on edges by Chebyshev's polynomial."""
+        """Approximate solution of the edges' block by Chebyshev's iteration."""
         middle = self._largest * (1 + LEAST) / 2
         half = self._largest * (1 - LEAST) / 2
         r = self._scale * r
@@ -153,7 +155,7 @@ class TwoLevels(Blocks):
         return self._scale * x
 
     def _relaxed(self, r: np.ndarray) -> np.ndarray:
-        """Free unknowns for forces: edges, vertices, and edges once more."""
+        """Block Gauss-Seidel for the free unknowns: edges, vertices, edges again."""
         count = self._count
         edge = self._of_edges(r[count:])
         vertex = r[:count] - self._on_vertices(edge)
@@ -164,10 +166,10 @@ class TwoLevels(Blocks):
         return np.concatenate([vertex, edge])
 
     def solve(self, right: np.ndarray, bound: float, gain: float, most: int) -> tuple:
-        """An approximate solution of K x = right, and the bound, which each step lowers.
+        """An approximate solution of K x = right, and the resulting error bound.
 
-        Conjugate gradients that end after ``most`` steps, or at a step that gains less than the
-        part ``gain`` of the bound.
+        Each step of conjugate gradients lowers ``bound``.  They end after ``most`` steps, or at a
+        step that lowers it by less than the fraction ``gain``.
         """
         x = np.zeros_like(right)
         steps = conjugate_gradients(self.product, self.precondition, right)

@@ -1,8 +1,8 @@
-"""Loads that vary inside elements: the part that the stress balances, a bound for the rest.
+"""Loads that vary inside elements: the part in equilibrium with the stress, a bound for the rest.
 
-A stress carries body forces that are constant on the N + 1 parts of a cell, such that their work on
-rigid motions is that of f, and affine tractions with the moments of g.  What is left is orthogonal
-to rigid motions, so that on each cell
+The stress is in equilibrium with body forces f_h that are constant on the N + 1 parts of a cell and
+do the same work as f on rigid motions, and with affine tractions g_h that have the moments of g.
+The differences are orthogonal to rigid motions, so that on each cell
 
     int (f - f_h) . w + int_boundary (g - g_h) . w  <=  rho |eps(w)|_L2.
 

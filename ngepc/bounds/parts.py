@@ -1,8 +1,8 @@
 """Polynomials on triangles and tetrahedra: splitting and integration.
 
-An affine function has its values at the vertices as coefficients, a quadratic one on a triangle
-those of Bernstein's polynomials, vertices first: it lies in their convex hull.  Tables are by the
-number of coefficients.
+The coefficients of an affine function are its values at the vertices; those of a quadratic function
+on a triangle are its Bernstein coefficients, vertices first.  Values lie in the convex hull of the
+coefficients.  The keys of tables are numbers of coefficients.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ NODES = {9: 3, 16: 4, 18: 6}  # nodes of each part by those of a cell
 def quadratics(shares: np.ndarray, others: np.ndarray | None = None) -> np.ndarray:
     """Bernstein's polynomials of degree two at barycentric points (q, 3), shape (q, 6).
 
-    With other points their polar forms, which are symmetric and affine in either point.
+    With ``others``: their polar forms, which are symmetric and affine in either point.
     """
     others = shares if others is None else others
     mixed = [
@@ -110,7 +110,7 @@ TO_NODES = {3: _on_parts(MIDDLES), 4: _on_parts(np.eye(4))}
 
 # cells or parts for which arrays are made at once: they stay in the processor's cache
 PORTION = 1000
-NARROW = 0.3  # part of its mean below which |s|^2 shall not fall for a Taylor polynomial of |s|
+NARROW = 0.3  # Taylor polynomials of |s| need |s|^2 above this fraction of its mean
 # parts are split where |s|^2 varies by more than this share, so many times at most
 VARIES = 0.1
 FROM_BELOW = {3: 3, 4: 2}
@@ -118,16 +118,16 @@ AT_NODES = quadratics(
     MIDDLES
 )  # values at vertices and edge midpoints from coefficients
 WORTH = {3: 0.004, 4: 0.02, 6: 0.007}
-"""Parts are split for the plastic term until that can gain this fraction of the bound.
+"""Parts are split until the possible gain of the plastic term is this fraction of the bound.
 
-Half of it on each level, as many parts gain nothing.
+Each level may leave half of it, as many parts gain nothing.
 """
 
 SPLIT_LEVELS = {3: 3, 4: 2, 6: 2}  # how often a part is split at most
 
 
 def portions(count: int, size: int = PORTION) -> list[slice]:
-    """The slices of such a size that cover so many cells or parts."""
+    """Slices of ``size`` entries that together cover ``count`` entries."""
     return [slice(first, first + size) for first in range(0, count, size)]
 
 
@@ -137,7 +137,7 @@ def coefficients(nodal: np.ndarray) -> np.ndarray:
 
 
 def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
-    """S minus the nearest point of the ball of radius beta, for s (parts, points, d)."""
+    """s minus its projection onto the ball of radius beta, for s (parts, points, d)."""
     size = np.sqrt(np.einsum("tqd,tqd->tq", s, s))
     share = 1 - np.minimum(beta[:, None] / np.maximum(size, np.finfo(float).tiny), 1.0)
     return share[..., None] * s
@@ -155,7 +155,8 @@ def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.
 
         |s| >= c^(1/2) (1 + r/2 - r^2/8 + r^3/16 - 5/128 (1 + m)^(-7/2) r^4),
 
-    of degree 16.  Coefficients say how far |s| may fall; where that is much the result is infinite.
+    a polynomial of degree 16.  The coefficients of s bound |s| from below; where that bound is too
+    small, the result is infinite.
 
     ``s`` (n, 6, d) are coefficients; ``beta`` and ``volume`` have the shape (n,).
     """

@@ -20,13 +20,13 @@ from ngepc.bounds.simplices import Simplices, marked, sliced
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
-# share of the bound that a step of the adjoint's search gains at least
+# a step of the search of the adjoint must lower its bound by this fraction
 ADJOINT_GAIN = 0.02
 SHORTEST = 1e-3  # shortest step length
-LOCALLY = 0.3  # share of the gain at which Newton steps stop: where little yields they cost little
-# Newton steps are done around the triangles where this share of what tangents missed arises
+LOCALLY = 0.3  # Newton steps use this fraction of ``gain``: they are cheap where little yields
+# Newton steps are restricted to the triangles with this share of the remainder of the tangent
 BROKEN = 0.9
-RINGS = 9  # rings of triangles around these that take part
+RINGS = 9  # and to so many rings of triangles around them
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +47,17 @@ class StressFunctional:
         )
 
     def values(self, z: np.ndarray, at: Completed) -> np.ndarray:
-        """The integral over each triangle for stresses at all points or one, by the rule."""
+        """The integral over each triangle by quadrature, for stresses at all points or one."""
         work = np.einsum("tqc,tqc->tq", z, np.broadcast_to(self.strain, z.shape))
         weights = self.space.rule.weights if z.shape[1] > 1 else np.ones(1)
         return self.space.area * ((self.conjugate.sought(at) - work) @ weights)
 
 
 class TangentCompliance:
-    """1/2 z . H z, the compliance of a tangent, in the place of phi*: (cells, points, c, c)."""
+    """The quadratic form 1/2 z . H z of a tangent's compliance, used in place of phi*.
+
+    H has the shape (cells, points, c, c).
+    """
 
     def __init__(self, compliance: np.ndarray) -> None:
         self._compliance = compliance
@@ -69,7 +72,7 @@ class TangentCompliance:
         return Completed(z[..., 0], z, none, z, none, none)
 
     def sought(self, at: Completed) -> np.ndarray:
-        """Half the square at stresses, (cells, points)."""
+        """The quadratic form at stresses, (cells, points)."""
         return np.einsum("tqc,tqc->tq", at.deviator, self.gradient(at)) / 2
 
     def gradient(self, at: Completed) -> np.ndarray:
@@ -85,7 +88,7 @@ OF_MODEL = ("centre", "_values", "_gradient", "compliance", "_yields")
 
 
 class SecondOrderModel:
-    """The dual functional to second order around stresses at one point or all, (nt, ., 3)."""
+    """Second-order expansion of the dual functional around stresses (nt, ., 3)."""
 
     def __init__(self, functional: StressFunctional, centre: np.ndarray) -> None:
         at = functional.conjugate.completed(centre)
@@ -97,13 +100,13 @@ class SecondOrderModel:
         self._yields = (at.over > 0).any(axis=1)
 
     def of(self, chosen: slice) -> SecondOrderModel:
-        """The functional on some of the triangles."""
+        """The expansion on some of the triangles."""
         result = sliced(self, chosen, OF_MODEL)
         result.space = self.space.of(chosen)
         return result
 
     def gradient(self, z: np.ndarray) -> np.ndarray:
-        """Strains at stresses, both (nt, points, 3)."""
+        """The derivative, a strain, at stresses; both (nt, points, 3)."""
         H = self.compliance
         moved = z - self.centre
         if H.shape[1] == 1:
@@ -127,7 +130,7 @@ class SecondOrderModel:
         return value, -self.space.gathered(forces)
 
     def remainder(self, functional: StressFunctional, z: np.ndarray) -> np.ndarray:
-        """The functional less the model on each triangle: zero where none yields."""
+        """The functional less its expansion on each triangle: zero where no point yields."""
         result = np.zeros(len(z))
         for cells in portions(len(z)):
             whole = functional.of(cells)
@@ -154,8 +157,9 @@ def tightened(
 ) -> np.ndarray:
     """In-plane stresses at the points, shape (nt, points, 3), with a smaller dual functional.
 
-    Search begins at the admissible stress ``z`` (nt, points, 3), tangents at the stress ``centre``
-    of the discrete solution, at one point or all (nt, ., 3); ``rest`` is the bound less ``dual``.
+    The search starts at the admissible stress ``z`` (nt, points, 3).  The first tangent is that at
+    the stress ``centre`` of the discrete solution, at one point or all (nt, ., 3).  ``rest`` is the
+    bound less ``functional``.
     """
     system = TwoLevels(functional.space, cells)
     there = slice(None)
@@ -188,7 +192,7 @@ def tightened(
 def descended(
     functional: StressFunctional, z: np.ndarray, step: np.ndarray
 ) -> np.ndarray:
-    """Z plus the longest of the parts 1, 1/2, 1/4, ... of the step that lowers the value."""
+    """z plus the longest of 1, 1/2, 1/4, ... times the step that lowers the value."""
     length = 1.0
     value = functional.values(z, functional.conjugate.completed(z)).sum()
     while length > SHORTEST:
@@ -245,10 +249,11 @@ class PlaneBoundData(BoundData):
         z: np.ndarray,
         moments: np.ndarray,
     ) -> tuple[np.ndarray, float]:
-        """An admissible stress near the tangent's one of z, at nodes, and what it misses of it.
+        """An admissible stress near the tangent's stress of z, at nodes, and its error.
 
-        ``near`` (nodes, N) are displacements whose stress is in equilibrium against hat functions
-        with the facet ``moments``; what is missed is half the square in the tangent's compliance.
+        ``near`` (nodes, N) are displacements whose stress is in equilibrium with the facet
+        ``moments``, tested with hat functions.  The error is half the squared difference of the
+        stresses in the tangent's compliance.
         """
         stress = self.answer(tangent, near)
         at = self.conjugate.completed(self.on_parts(self.stress(state)))
@@ -275,8 +280,8 @@ class PlaneBoundData(BoundData):
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).
 
-        It is made of one in equilibrium against hat functions, in-plane coordinates (points, 3),
-        with mean tractions of both triangles, and of the moments of given tractions, (ne, 2, 2).
+        It is built from a stress (points, 3) that is in equilibrium when tested with hat functions:
+        from the mean tractions of both triangles, and the moments of given tractions (ne, 2, 2).
         """
         element = ELEMENTS[2]
         size = self.cells.volume[:, None, None]

@@ -1,9 +1,9 @@
-"""Receipts: a proof, in a file, that the least energy of a body lies in an interval.
+"""Receipts: files that prove that the least energy of a body lies in an interval.
 
-The file has mesh, data, displacement, stress and contact pressure as ``check_receipt`` reads them:
-each cell is cut into the N + 1 parts on which the stress of the error bound is a polynomial, and
-fields are Bernstein coefficients, those of the vertices first, then those of the edges opposite to
-them.
+The file contains mesh, data, displacement, stress and contact pressure in the form that
+``check_receipt`` reads: each cell is cut into the N + 1 parts on which the stress of the error
+bound is a polynomial, and fields are given by Bernstein coefficients, first those of the vertices,
+then those of the edges opposite to them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress
 """Features that receipts cover."""
 
 RESOLVED = 0.02
-"""Fraction of the bound up to which the checker resolves the plastic terms."""
+"""Accuracy of the checker's plastic terms, relative to the bound."""
 CLEARANCE = 1e-11
 """Fraction of the largest displacement by which bodies are moved away from the obstacle."""
 WIDER = 1e-12
@@ -143,9 +143,9 @@ def receipt_arrays(bound_data: BoundData, bound: ErrorBound) -> dict[str, np.nda
 
 
 def clear_state(bound_data: BoundData, state: State) -> np.ndarray:
-    """Displacements (nodes, N) that clear the obstacle in spite of rounding.
+    """Displacements (nodes, N) that do not penetrate the obstacle in spite of rounding.
 
-    Vertices that supports hold stay where they are.
+    Vertices that supports hold are not changed.
     """
     contact = copy(bound_data.contact)
     contact.boundary = copy(bound_data.boundary)
@@ -159,10 +159,10 @@ def clear_state(bound_data: BoundData, state: State) -> np.ndarray:
 
 
 class PartedMesh:
-    """The mesh of the N + 1 parts of each cell: facet and centre, vertices ascending.
+    """The mesh of the N + 1 parts of each cell; a part consists of a facet and the centre.
 
-    ``points`` are the vertices of the mesh and the centres, ``cells`` the vertices of the parts,
-    with order two followed by numbers of the edges opposite to them.
+    ``points`` are the vertices of the mesh and the centres.  ``cells`` are the vertices of the
+    parts, ascending, for order two followed by the numbers of the edges opposite to them.
     """
 
     def __init__(self, bound_data: BoundData) -> None:
@@ -190,14 +190,14 @@ class PartedMesh:
         return a.astype(np.int64) * len(self.points) + b
 
     def side_nodes(self, sides: np.ndarray) -> np.ndarray:
-        """The nodes of sides with ascending vertices: these, with order two the edge."""
+        """The nodes of sides with ascending vertices: the vertices, and the edge for order two."""
         if self.bound_data.problem.order == 1:
             return sides
         edge = np.searchsorted(self._edges, self._key(sides[:, 0], sides[:, 1]))
         return np.column_stack([sides, len(self.points) + edge])
 
     def turned(self, c: np.ndarray) -> np.ndarray:
-        """Coefficients on the parts (parts, k, ...) in the order of their vertices."""
+        """Coefficients on the parts (parts, k, ...), reordered as the vertices of ``cells``."""
         order = self._order
         if c.shape[1] > order.shape[1]:
             order = np.concatenate([order, order + order.shape[1]], axis=1)

@@ -27,12 +27,12 @@ class Simplices:
     ``volume``; ``gradients`` (nt, N + 1, N) are those of the hat functions.  Of the facets
     ``facets`` (nf, N) are the vertices, ascending, ``measure`` and ``normal`` (nf, N) the size and
     the unit normal, ``owners`` (nf, 2) the cells, -1 where ``outer``.  ``facet_of`` (nt, N + 1) are
-    the facets of each cell, ``sign`` is 1 for the first of its cells and -1 for the other one,
-    ``place`` (nt, N + 1, N) the place of the cell's vertices of facet k among those of the facet,
-    and ``slot`` the number N facet + place.
+    the facets of each cell, ``sign`` is 1 for the first cell of a facet and -1 for the second,
+    ``place`` (nt, N + 1, N) is the position of the cell's vertices of facet k among those of the
+    facet, and ``slot`` is N facet + place.
     """
 
-    mesh: Mesh | None = None  # where ``of`` has them from
+    mesh: Mesh | None = None  # the argument of ``of``
 
     def __init__(self, points: np.ndarray, nodes: np.ndarray) -> None:
         self.N = points.shape[1]
@@ -74,14 +74,14 @@ class Simplices:
 
     @classmethod
     def of(cls, mesh: Mesh) -> Simplices:
-        """Those of a mesh of straight triangles or tetrahedra."""
+        """The simplices of a mesh of straight triangles or tetrahedra."""
         nodes = element_nodes(mesh)[:, : mesh.dim + 1]
         cells = cls(vertex_coordinates(mesh).copy(), nodes)
         cells.mesh = mesh
         return cells
 
     def key(self, vertices: np.ndarray) -> np.ndarray:
-        """One integer for each facet with these ascending vertices."""
+        """A unique integer for each facet, from its ascending vertices."""
         result = vertices[:, 0].astype(np.int64)
         for column in vertices.T[1:]:
             result = result * len(self.points) + column
@@ -92,7 +92,7 @@ class Simplices:
         return np.searchsorted(self._keys, self.key(np.sort(vertices, axis=1)))
 
     def at_nodes(self, values: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-        """The sums (nv, N) of values (..., N) that belong to these vertices (...)."""
+        """Sums (nv, N) at the vertices of values (..., N) given for ``vertices`` (...)."""
         places = vertices.ravel()
         count = len(self.points)
         columns = values.reshape(-1, self.N).T
@@ -101,7 +101,7 @@ class Simplices:
         )
 
     def sums(self, moments: np.ndarray) -> np.ndarray:
-        """Sums over both sides of each facet of vectors at ``slot``, (nt, .., N), (N nf, N)."""
+        """Sums over both sides of each facet, (N nf, N), of vectors at ``slot`` (nt, .., N)."""
         places = self.slot.ravel()
         columns = moments.reshape(-1, self.N).T
         count = self.facets.size
@@ -110,7 +110,7 @@ class Simplices:
         )
 
     def around(self, chosen: np.ndarray, rings: int) -> np.ndarray:
-        """Numbers of the chosen cells and of so many rings around them, one at least."""
+        """Numbers of the chosen cells and of ``rings`` (one or more) rings of cells around them."""
         for _ in range(rings):
             there = np.zeros(len(self.points), dtype=bool)
             there[self.nodes[chosen]] = True
@@ -128,7 +128,7 @@ def marked(indicators: np.ndarray, share: float) -> np.ndarray:
 
 
 def sliced(whole: object, chosen: np.ndarray | slice, names: Sequence[str]) -> object:
-    """A copy whose arrays of these names hold some of the cells."""
+    """A copy whose attributes ``names`` are restricted to the chosen cells."""
     part = copy(whole)
     vars(part).update({name: getattr(whole, name)[chosen] for name in names})
     return part

@@ -1,19 +1,20 @@
-"""The best stress in three dimensions: by unknowns on the faces, tractions repaired.
+"""The best stress in three dimensions, by a hybrid method with unknowns on the faces.
 
-Each tetrahedron has the stresses of ``element``.  That their tractions are continuous, and the
-given ones on the boundary, is asked for by displacements delta of the faces, affine on each face
-and independent from face to face: for given delta the best stress of a tetrahedron is known,
+Each tetrahedron has the stresses of ``element``.  Continuity of the tractions, and given tractions,
+are constraints with the multiplier delta: a displacement that is affine on each face and
+independent from face to face.  For given delta the best stress x of a tetrahedron solves
 
     A x = B' delta - c,     A its compliance, B x its moments,
 
-and delta solves  S delta = b  with  S = sum of B A^-1 B'.  For delta that are continuous S is the
-stiffness matrix of displacements of order one: the coarse solver of conjugate gradients.
+and delta solves  S delta = b  with  S = sum of B A^-1 B'.  On continuous delta S is the stiffness
+matrix of displacements of order one, which is the coarse space of conjugate gradients.
 
-For displacements of order two the stress is that of the solution of order one on the same mesh. Its
-error is as small as theirs, and its pressure ends where the gap opens.
+For displacements of order two the stress is computed from the solution of order one on the same
+mesh.
 
-Tractions that jump a little are averaged, brought into equilibrium at each vertex by ``Patches``,
-and the stresses are built from them again: they are admissible after any number of iterations.
+After the iteration the tractions still jump a little.  They are averaged, brought into equilibrium
+at each vertex by ``Patches``, and the stresses are built from them again: they are admissible after
+any number of iterations.
 """
 
 from __future__ import annotations
@@ -45,14 +46,14 @@ from ngepc.results.iteration import newton_iteration
 
 # which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
-LOOSER = (
-    15  # times the gain at which conjugate gradients stop where the pressure is sought
-)
+LOOSER = 15  # factor of ``gain`` for the conjugate gradients that search the pressure
 
-TOLERANCE = 1e-8  # the residual of the solution of order one below one of order two
+TOLERANCE = (
+    1e-8  # residual of the solution of order one that belongs to one of order two
+)
 MOST_STEPS = 100
 CHUNK = 512  # tetrahedra whose matrices are made at once: they stay in the processor's cache
-# conjugate gradients only steer the search: what is found is made admissible in double
+# conjugate gradients in single precision; the stress is made admissible in double
 SINGLE = np.float32
 ELEMENT = ELEMENTS[3]
 FREE = ELEMENTS[3].free
@@ -71,8 +72,8 @@ OWN_SINGLE = OWN.astype(
 class Faces:
     """The unknowns on the faces, and the matrices of the tetrahedra.
 
-    ``free`` (3 nf, 3) are components of delta that no support holds; ``closed`` (3 nf, 3) has unit
-    normals where delta is held along them, zero elsewhere; None if there is none.
+    ``free`` (3 nf, 3) are components of delta that no support holds.  ``closed`` (3 nf, 3) has the
+    unit normal where the normal component of delta is held, zero elsewhere; None if nowhere.
     """
 
     def __init__(self, boundary: Boundary, piola: np.ndarray) -> None:
@@ -87,8 +88,7 @@ class Faces:
     def fill(self, H: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Set the compliances d2 phi*/dz2 of the tetrahedra, (nt, 6, 6), and the blocks of S.
 
-        Returned are the moments (nt, 12, 3) of the best stresses with body forces (nt, 6) and
-        delta = 0.
+        Returns the moments (nt, 12, 3) of the best stresses for body forces (nt, 6) and delta = 0.
         """
         c = self.cells
         D = np.zeros((len(c.facets), 9, 9), dtype=SINGLE)
@@ -113,7 +113,7 @@ class Faces:
         return (product.reshape(-1, 36) @ GRAM).reshape(-1, 36, 36)
 
     def _add_to_faces(self, D: np.ndarray, inverse: np.ndarray, part: slice) -> None:
-        """Add what some elements give to the diagonal blocks of their four faces."""
+        """Add the contributions of some elements to the diagonal blocks of their four faces."""
         c = self.cells
         J = self._jacobian[part, None]
         sign = c.sign[part]
@@ -140,14 +140,14 @@ class Faces:
         )
 
     def smooth(self, r: np.ndarray) -> np.ndarray:
-        """The blocks of the faces solved for r, both (3 nf, 3)."""
+        """Solve with the diagonal blocks of the faces; r and the result are (3 nf, 3)."""
         s = np.matmul(self._face_inverse, r.astype(SINGLE).reshape(-1, 9, 1)).reshape(
             -1, 3
         )
         return s if self.closed is None else self.kept(s)
 
     def kept(self, r: np.ndarray) -> np.ndarray:
-        """Displacements or moments (3 nf, 3) without the components that are held."""
+        """Displacements or moments (3 nf, 3) with held components set to zero."""
         r = r * self._given
         if self.closed is not None:
             r -= self.closed * np.einsum("si,si->s", self.closed, r)[:, None]
@@ -200,9 +200,9 @@ class SolidBoundData(BoundData):
     def _nearest(
         self, state: State, tangent: Factors, z: np.ndarray, P: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The best admissible stress, at nodes, for phi* to second order around stresses z (nt, 6).
+        """The best admissible stress, at nodes, for phi* expanded around stresses z (nt, 6).
 
-        The pressure is sought, too, from P.
+        The pressure is optimised as well, starting from P.
         """
         faces = self.faces
         at = self.conjugate.completed(z[:, None])
@@ -239,10 +239,11 @@ class SolidBoundData(BoundData):
         z: np.ndarray,
         moments: np.ndarray,
     ) -> tuple[np.ndarray, float]:
-        """An admissible stress near the tangent's one of z, at nodes, and what it misses of it.
+        """An admissible stress near the tangent's stress of z, at nodes, and its error.
 
-        ``near`` (nodes, N) are displacements whose stress is in equilibrium against hat functions
-        with the facet ``moments``; what is missed is half the square in the tangent's compliance.
+        ``near`` (nodes, N) are displacements whose stress is in equilibrium with the facet
+        ``moments``, tested with hat functions.  The error is half the squared difference of the
+        stresses in the tangent's compliance.
         """
         faces = self.faces
         stress = self.stress(state)
@@ -261,7 +262,7 @@ class SolidBoundData(BoundData):
     def missed_energy(
         self, state: State, tangent: Factors, z: np.ndarray, tau: np.ndarray
     ) -> float:
-        """Half the square of what stresses tau at nodes miss of the tangent's one of z."""
+        """Half the squared difference of stresses tau at nodes and the tangent's stress of z."""
         at = self.conjugate.completed(self.on_parts(self.stress(state)))
         H = self.conjugate.compliance(at)
         wanted = self.on_parts(self.answer(tangent, z))
@@ -274,7 +275,7 @@ class SolidBoundData(BoundData):
     def sharpened(
         self, state: State, tangent: Factors, own: np.ndarray, P: np.ndarray
     ) -> tuple[np.ndarray, tuple | None]:
-        """The pressure of a body that is held where P > 0, and the state of its search."""
+        """The pressure of a body with delta . n held where P > 0, and the state of the search."""
         faces = self.faces
         on = self.boundary.contact
         closed = (P > 0).all(axis=1)[:, None]
@@ -302,8 +303,8 @@ class SolidBoundData(BoundData):
     ) -> tuple[np.ndarray, float]:
         """Delta of the faces that nearly solves S delta = b, by two-level conjugate gradients.
 
-        Where faces are held the continuous displacements, which are not, are left out.  Returned
-        and started from are delta (3 nf, 3) and the energy gained.
+        If faces are held, the coarse space of continuous displacements is not used.  ``start`` and
+        the result are delta (3 nf, 3) and the decrease of the energy.
         """
         faces = self.faces
         c = self.cells
@@ -332,7 +333,7 @@ class SolidBoundData(BoundData):
     def balanced_moments(
         self, tangent: Factors, own: np.ndarray, given: np.ndarray
     ) -> np.ndarray:
-        """Moments whose sums at the vertices are those of the given ones: constants are added."""
+        """Moments with the given sums at the vertices: moments of constant stresses are added."""
         c = self.cells
         size = np.abs(own).max()
         for _ in range(PASSES):

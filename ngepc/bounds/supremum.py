@@ -11,11 +11,11 @@ The mean part is a quadratic.  For the deviator the trial stress t = s + 2 mu_2 
   the point of the ball that is nearest to its stationary point;
 * where |t| = rho >= beta it is a quadratic in rho for each direction n of t.  For the best rho the
   rest depends on n through two numbers, n . v and n . w.  It is convex in n, so that the best n
-  lies in the plane of v and w, at an angle between them: a search over one angle in all dimensions.
+  lies in the plane of v and w, at an angle between them: one angle is searched in all dimensions.
 
-Where the function of the angle is concave Newton's method finds the best one, and the least second
-derivative says how much may be left.  Elsewhere the angle is cut into ``ANGLES`` parts; with the
-largest second derivative the values at their ends bound the function between them.
+Where the function of the angle is concave, Newton's method finds its maximum, and the second
+derivative bounds the remaining error.  Elsewhere the interval of angles is cut into ``ANGLES``
+parts; the values at their ends and the largest second derivative bound the function between.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from ngepc.bounds.parts import portions
 from ngepc.bounds.simplices import sliced
 
 ANGLES = 12
-"""Parts of the angle; the loss falls with the square of their number."""
+"""Parts of the interval of angles; the error of the bound falls with the square of their number."""
 FLAT = 1e-6
-"""Smaller second derivatives, as a part of the slope, are not used."""
+"""Second derivatives below this fraction of ``slope`` count as zero."""
 TINY = np.finfo(float).tiny
 
 
@@ -59,7 +59,7 @@ class PointData:
 def kept_part(
     trial: np.ndarray, two_mu: np.ndarray, hardening: np.ndarray, beta: np.ndarray
 ) -> np.ndarray:
-    """The part of the trial stress that radial return leaves, (n,)."""
+    """Ratio of the stress after radial return to the trial stress, (n,)."""
     size = np.sqrt(dots(trial, trial))
     share = np.minimum(beta / np.maximum(size, TINY), 1.0)
     return (hardening + two_mu * share) / (two_mu + hardening)
@@ -116,7 +116,7 @@ def _suprema(
 def mean_part(
     at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
 ) -> np.ndarray:
-    """The part of the supremum by tr e, a quadratic of all of the data, (n,)."""
+    """The supremum over tr e, a quadratic function of the data, (n,)."""
     own = at.bulk * at.volume
     pulled = tau.mean - at.bulk * strain.mean + factor * (sigma.mean - own)
     return pulled**2 / (4 * factor * at.bulk)
@@ -125,7 +125,7 @@ def mean_part(
 def deviatoric_part(
     at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The part by dev e, and where it is the quadratic of the elastic law."""
+    """The supremum over dev e, and where it is the quadratic function of the elastic law."""
     B = tau.deviator + factor * (sigma.deviator - at.stress)
     best, inside = elastic(at, B, strain.deviator, factor)
     plastic = Plastic(at, B, strain.deviator, factor)
@@ -143,7 +143,7 @@ def dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def elastic(
     at: PointData, B: np.ndarray, strain: np.ndarray, factor: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The supremum over trial stresses in the ball |t| <= beta, and where it is stationary."""
+    """The supremum over trial stresses with |t| <= beta, and where it is attained inside."""
     two_mu = at.two_mu[:, None]
     shift = at.trial + at.back - at.stress
     e = (B - two_mu * strain - factor * shift) / (2 * factor * two_mu)
@@ -186,8 +186,9 @@ class Plastic:
     def bound(self, there: np.ndarray) -> np.ndarray:
         """No less than the supremum at some of the points, where it is ``possible``.
 
-        From the direction of v the first part falls and the second part rises up to that of w, so
-        that the best angle is between 0 and the end, that of w or where rho = beta.
+        The angle is measured from v.  The first part decreases with it, the second part increases
+        up to the direction of w, so that the best angle lies between 0 and the end: that of w, or
+        the one with rho = beta.
         """
         arc = Arc(
             self.v[there],
@@ -239,7 +240,7 @@ class Arc:
         return result
 
     def _least_bend(self) -> np.ndarray:
-        """No more than minus the second derivative on the arc."""
+        """Lower bound of minus the second derivative on the arc."""
         lin = self.v * self.end - self.start
         square = 1 - self.end**2
         bend = 2 * self.v * (lin * self.end - self.v * square) / self.quarter
@@ -256,9 +257,9 @@ class Arc:
         return value, first, bend + self.slope * along
 
     def _concave(self, bend: np.ndarray) -> np.ndarray:
-        """The largest value where the function bends down by at least so much everywhere.
+        """Upper bound of the maximum where minus the second derivative is at least ``bend`` > 0.
 
-        Two Newton steps; with the derivative d there it is at most the value plus d^2/(2 bend).
+        Two Newton steps; with the value f and the derivative d there, f + d^2/(2 bend) is a bound.
         """
         one = np.ones_like(self.v)
         far = np.sqrt(1 - self.end**2)
@@ -280,7 +281,7 @@ class Arc:
         return value + np.where(at_end, 0.0, first**2 / (2 * bend))
 
     def _on_grid(self) -> np.ndarray:
-        """The same by values at the ends of parts and the largest second derivative."""
+        """Upper bound of the maximum by values on a grid and the largest second derivative."""
         step = np.arccos(self.end) / ANGLES
         bend = self.slope + 2 * self.v**2 / self.quarter
         best = np.full(len(step), -np.inf)

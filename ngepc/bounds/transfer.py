@@ -27,7 +27,7 @@ from ngepc.model.own import size_of
 from ngepc.model.problem import Problem
 
 HISTORY = ("initial_plastic_strain", "initial_hardening", "initial_accumulated")
-# how near bisections come to what should be left, which mostly falls faster than expected
+# bisection stops within this factor of its aim: indicators mostly fall faster than expected
 CLOSE = 1.03
 
 
@@ -40,10 +40,10 @@ def bisected(mesh: Mesh, chosen: np.ndarray) -> tuple[Mesh, np.ndarray]:
 
 
 def copied(mesh: Mesh) -> tuple[Mesh, GridFunction]:
-    """A copy of a mesh for bisection: on meshes refined by Netgen spaces transfer wrongly.
+    """A copy of a mesh for bisection, and a function that ``parents_in`` reads.
 
-    The body stays what the mesh is: new vertices are not moved to curved boundaries.  The function
-    follows the bisections, see ``parents_in``.
+    A copy is needed, as on meshes that Netgen refined before functions are transferred wrongly.
+    New vertices are not moved to curved boundaries: the body stays the polygon of the mesh.
     """
     netgen_mesh = mesh.ngmesh.Copy()
     netgen_mesh.SetGeometry(NetgenGeometry())
@@ -56,9 +56,9 @@ def copied(mesh: Mesh) -> tuple[Mesh, GridFunction]:
 
 
 def parents_in(number: GridFunction) -> np.ndarray:
-    """For each element of a ``copied`` mesh the one that it lies in.
+    """For each element of a ``copied`` mesh the original element that contains it.
 
-    Looked up by coordinates it can be a neighbour, within 1e-6 of the size of the larger one.
+    A search by coordinates could give a neighbour, within 1e-6 of the size of the larger one.
     """
     return number.vec.FV().NumPy().round().astype(int)
 
@@ -66,16 +66,16 @@ def parents_in(number: GridFunction) -> np.ndarray:
 def bisected_to(
     mesh: Mesh, indicators: np.ndarray, share: float, left: float
 ) -> tuple[Mesh, np.ndarray]:
-    """A copy of the mesh, bisected until this fraction of the indicators should be left.
+    """A copy of the mesh, bisected until a fraction ``left`` of the indicators should remain.
 
-    The part v of an element's volume is expected to get the part v^(1 + 2/N) of its indicator, as
-    for order one and smooth solutions: where edges are halved three quarters go.  Those with a
-    share of what is left are bisected at a time (Doerfler), or fewer at the end.
+    A child with the fraction v of an element's volume is expected to have v^(1 + 2/N) of its
+    indicator, as for order one and smooth solutions: halving all edges leaves a quarter.  Each pass
+    bisects the elements of Doerfler's marking with ``share``, the last pass fewer.
     """
     (finer, number), sums = copied(mesh), np.maximum(indicators, 0.0)
 
     def scale() -> np.ndarray:
-        """What is expected of the indicators by volume alone."""
+        """The expected ratio of indicators, from the ratio of volumes."""
         return np.array(Integrate(CF(1), finer, element_wise=True)) ** (
             1 + 2 / mesh.dim
         )
@@ -117,8 +117,8 @@ def values_in(value: object) -> list[CoefficientFunction]:
 def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
     """The problem on a mesh whose simplices lie in those of its own with these numbers.
 
-    Data that are constant on the elements of the problem's mesh stay what they are, with order two
-    affine plastic strains and back stresses too.  What was checked holds on a finer mesh as well.
+    Data that are constant on the elements are transferred exactly, for order two affine plastic
+    strains and back stresses as well.  The data are not checked again.
     """
 
     def carried(value: object) -> object:
@@ -164,7 +164,7 @@ def shaped_like(
 def lowered_problem(problem: Problem) -> Problem:
     """The problem with displacements of order one, and a history that is constant on elements.
 
-    What is affine on an element has the value at its centre there.
+    Affine data are replaced by their values at the centres of the elements.
     """
     points = Points(problem.mesh, problem.kinematics, 1)
 
@@ -179,10 +179,10 @@ def lowered_problem(problem: Problem) -> Problem:
 def carried_state(
     old: ExactResult, discrete: DiscreteProblem, parents: np.ndarray
 ) -> State:
-    """The state on a bisected mesh: the same displacements, contact forces by their stresses.
+    """The state on a bisected mesh: the same displacements, and contact forces from the pressures.
 
-    What is affine on the parents is carried by barycentric coordinates in them, what displacements
-    of order two have beyond by products of these.
+    Affine functions are interpolated by barycentric coordinates in the parents, the quadratic parts
+    of displacements of order two by products of these.
     """
     problem = discrete.problem
     supports = discrete.supports

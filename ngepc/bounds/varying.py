@@ -1,17 +1,17 @@
-"""Integrals of the supremum of a goal from above where strains are affine: order two.
+"""Upper bounds of integrals of the supremum of a goal for displacements of order two.
 
 For a fixed strain E = eps_h + e the bracket under the supremum is, but for
 
     gauge = tau : eps_h + lambda eps_h : sigma^ - eps(z) : s(eps_h),
 
-affine in tau, sigma^, eps_h and eps(z) together.  (Where p_0 and alpha_0 are affine the trial
-stress takes the place of E, with stresses less alpha_0.)  So supremum + gauge is convex in them:
-its mean over a part is at most the mean of its values at their Bernstein coefficients.  Products of
-polynomials are integrated exactly.  The integral of eps(z) : s(eps_h) stands in Q_0 with the other
-sign: whatever a rule says there cancels.
+affine in tau, sigma^, eps_h and eps(z) together.  (For affine p_0 and alpha_0 the trial stress is
+used in place of E, with stresses less alpha_0.)  Hence supremum + gauge is convex in them: its mean
+over a part is at most the mean of its values at their Bernstein coefficients.  Products of
+polynomials are integrated exactly.  The integral of eps(z) : s(eps_h) occurs in Q_0 with the other
+sign: the error of its quadrature cancels.
 
-The part of the mean stresses is a quadratic.  Where nothing yields the whole supremum is one, and a
-rule is exact.  Elsewhere parts are cut until bounds differ little from a rule.
+The part of the mean stresses is quadratic.  Where no point yields, the whole supremum is quadratic
+and quadrature is exact.  Elsewhere parts are cut until the bounds are close to quadrature.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from ngepc.bounds.supremum import (
 SPLITS = {4: 2, 6: 3}
 """Most levels of cutting, by the number of coefficients on a part."""
 WORTH = 0.1
-"""What bounds may exceed the integrals by, as a part of them."""
+"""Bounds may exceed the integrals by this fraction."""
 PORTION = 1000
 """Parts that are cut at a time."""
 NAMES = ("tau", "sigma", "volume", "trial", "back", "trace", "strain")
@@ -90,7 +90,7 @@ class VaryingData:
         )
 
     def turned(self) -> VaryingData:
-        """The data of minus the goal."""
+        """The data for the negative goal."""
         return replace(self, tau=-self.tau, trace=-self.trace, strain=-self.strain)
 
     def work(self) -> np.ndarray:

@@ -83,8 +83,8 @@ def verdict(
     Returns
     -------
     Verdict
-        PASS if the whole interval satisfies the limit, FAIL if no part of it does, UNDECIDED if
-        the limit lies in the interval.
+        PASS if the whole interval satisfies the limit, FAIL if no part of it does, UNDECIDED if the
+        limit lies inside the interval.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def verdict(
     begin = time.perf_counter()
 
     def decided(record: MeshRecord) -> None:
-        """End the run at a mesh whose interval leaves the limit out."""
+        """End the run at the first mesh whose interval does not contain the limit."""
         late = time.perf_counter() - begin > seconds
         if late or not record.lower <= limit <= record.upper:
             raise StopIteration
@@ -130,9 +130,9 @@ def verdict(
 def confidence(result: object) -> str:
     """One line about the distance of the energy of a result from that of the continuous problem.
 
-    A guaranteed bound where there is one, else an estimate by another order or by one refinement
-    of the mesh, which costs one more solve.  Of a history it is the distance of its steps to those
-    of the continuous problem, where that has no bound the line of its last step.
+    A guaranteed bound if the problem has one; otherwise an estimate by another order or by one
+    refinement of the mesh, which costs one more solve.  For a history: the distance of its steps
+    from those of the continuous problem, or the line of its last step if that has no bound.
 
     Parameters
     ----------
