@@ -16,21 +16,21 @@ import numpy as np
 
 @cache
 def multi_indices(N: int, degree: int) -> np.ndarray:
-    """The multi-indices with this sum for simplices with N + 1 vertices, (n, N + 1)."""
+    """The multi-indices of sum ``degree`` for simplices with N + 1 vertices, (n, N + 1)."""
     parts = product(range(degree + 1), repeat=N + 1)
     return np.array([part for part in parts if sum(part) == degree])
 
 
 @cache
 def chains(N: int, degree: int) -> np.ndarray:
-    """Each multi-index as a list of local vertices, as often as it says, (n, degree)."""
+    """Each multi-index a as a list that contains vertex i a_i times, (n, degree)."""
     numbers = np.arange(N + 1)
     return np.array([np.repeat(numbers, a) for a in multi_indices(N, degree)])
 
 
 @cache
 def raised(N: int, degree: int) -> np.ndarray:
-    """The place of a + e_i among the multi-indices of one degree more, (n, N + 1)."""
+    """The position of a + e_i among the multi-indices of degree + 1, (n, N + 1)."""
     above = {tuple(a): place for place, a in enumerate(multi_indices(N, degree + 1))}
     steps = np.eye(N + 1, dtype=int)
     below = multi_indices(N, degree)
@@ -61,8 +61,8 @@ def times_hats(N: int, degree: int) -> np.ndarray:
 def parts_of(N: int, degree: int, cuts: int) -> np.ndarray:
     """Coefficients of a polynomial on the parts of a simplex from those on all of it, (m, n).
 
-    Each edge is cut into so many equal ones; the parts have the same volume, so that the mean of
-    these coefficients is the mean of the polynomial.
+    Each edge is cut into ``cuts`` equal parts.  The parts of the simplex have the same volume, so
+    that the mean of all coefficients is the mean of the polynomial.
     """
     nodes = multi_indices(N, degree) / max(degree, 1)
     to_coefficients = np.linalg.inv(bernstein_values(degree, nodes))

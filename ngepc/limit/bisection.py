@@ -1,8 +1,8 @@
 """Triangles cut in two along their longest edges, and fans at points where stresses jump.
 
-Around a point where a load or a support ends the stress turns with the angle, at every distance.
-Cutting triangles along their longest edges never adds rays there: triangles at such a point are cut
-along the edge that lies opposite to it, until their angle is small enough.
+At a point where a load or a support ends, the stress depends on the polar angle at every distance
+(a fan).  Cutting triangles along their longest edges adds no rays at such a point: triangles there
+are cut along the edge opposite to it, until their angle is small enough.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.limit.data import GROWS, LimitData
 
 STRAIGHT = math.pi + 1e-6
-"""Angle of the body at a boundary point beyond which the point is a corner that enters it."""
+"""Boundary points with a larger interior angle are re-entrant corners."""
 
 RESOLVED = math.radians(22.5)
-"""Angle of a ray that goes with the relative width ``AT_WIDTH`` of the bracket."""
+"""Angle of a fan's triangles that suits a bracket of relative width ``AT_WIDTH``."""
 
 AT_WIDTH = 0.08
 """Errors of fans are proportional to the square of the angle: 0.025 at 22.5 degrees for Prandtl's
@@ -33,10 +33,10 @@ WIDE = 0.5
 
 
 def split_corners(data: LimitData) -> tuple[Simplices, np.ndarray]:
-    """Cells with several outer facets are cut from the centre, so that each has one; and parents.
+    """Cut cells with several outer facets at the centre, so that each has one; and the parents.
 
-    In one cell with an affine stress the tractions of two of its facets depend on each other along
-    their common edge: loads that do not agree there would leave no stress at all.
+    In one cell with an affine stress the tractions on two facets are coupled along their common
+    edge: loads that are not compatible there would admit no stress at all.
     """
     cells = data.cells
     N = cells.N
@@ -57,12 +57,12 @@ def split_corners(data: LimitData) -> tuple[Simplices, np.ndarray]:
 
 
 def fan_angle(width: float) -> float:
-    """Largest angle of a fan's triangles for a mesh that follows one of this relative width."""
+    """Largest angle of a fan's triangles on the mesh after one with this relative width."""
     return min(WIDEST, RESOLVED * math.sqrt(width / AT_WIDTH))
 
 
 def singular_points(data: LimitData) -> np.ndarray:
-    """Boundary vertices, as booleans, where loads or supports change, or corners enter the body."""
+    """Boundary vertices where loads or supports change, and re-entrant corners, as booleans."""
     cells = data.cells
     count = len(cells.points)
     x = cells.points[cells.nodes]
@@ -101,10 +101,10 @@ def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def fan_cells(data: LimitData, dissipated: np.ndarray, width: float) -> np.ndarray:
-    """For each cell its vertex at which a fan needs it cut, or -1.
+    """For each cell the local vertex at which its angle has to be halved, or -1.
 
-    Those that dissipate, with a large angle at a singular point; all with such an angle while the
-    relative ``width`` of the bracket is large.
+    These are cells with a large angle at a singular point that dissipate; while the relative
+    ``width`` of the bracket is large, all cells with such an angle.
     """
     most = fan_angle(width)
     cells = data.cells
@@ -122,10 +122,10 @@ def fan_cells(data: LimitData, dissipated: np.ndarray, width: float) -> np.ndarr
 def bisected_cells(
     cells: Simplices, chosen: np.ndarray, fans: np.ndarray
 ) -> tuple[Simplices, np.ndarray]:
-    """Cells with the chosen ones cut, fans widened, and neighbours to conform; and parents.
+    """Cut the chosen cells and those of fans, and neighbours until the mesh conforms; and parents.
 
-    Chosen cells have all edges cut.  ``fans`` has for each cell the vertex opposite to which it is
-    cut first, -1 for the longest edge.
+    All edges of chosen cells are cut.  ``fans`` is the result of ``fan_cells``: each cell is first
+    cut along the edge opposite to this vertex, or along the longest edge for -1.
     """
     lengths = cells.measure[cells.facet_of]
     first = np.where(fans >= 0, fans, lengths.argmax(axis=1))

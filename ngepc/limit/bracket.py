@@ -18,16 +18,16 @@ from ngepc.limit.yielding import YieldShape
 from ngepc.linalg.conic import cone_solution
 
 UNBOUNDED = ("DualInfeasible", "AlmostDualInfeasible")
-"""Status of the solver for a program without a minimum."""
+"""Statuses of the solver for an unbounded program."""
 
 INFEASIBLE = ("PrimalInfeasible", "AlmostPrimalInfeasible")
-"""Status of the solver for conditions that contradict each other."""
+"""Statuses of the solver for an infeasible program."""
 
 DEGREE = 2
-"""Of velocities in the plane that say where the mesh has to be finer."""
+"""Degree of the velocities in the plane whose gaps mark cells for refinement."""
 
 LAST_DEGREE = 3
-"""Of those of the last mesh: three times the unknowns, and about half of the width."""
+"""Degree of the velocities of the last mesh: three times the unknowns, about half the width."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +41,13 @@ class MeshBracket:
     stress, mechanism
         Stress and mechanism of the bounds; None if the solver found none.
     marks
-        Where the mesh has to be finer: the gaps of the first mechanism of the mesh.
+        Indicators for refinement, one for each cell: the gaps of the mechanism of degree
+        ``DEGREE``.
     unlimited
-        Whether any load factor can be carried.
+        Whether the body carries any load factor.
     unknowns, steps, words
-        Of the programs for the lower and the upper bound: unknowns, interior point steps, how they
-        ended.
+        Numbers of unknowns and of interior point steps, and final statuses of the solver, of the
+        programs for the lower and the upper bound.
     """
 
     data: LimitData
@@ -89,7 +90,7 @@ def centre_of(statics: Statics) -> np.ndarray | None:
 def carried_centre(
     coarse: LimitData, fine: LimitData, parents: np.ndarray, centre: np.ndarray
 ) -> np.ndarray:
-    """The stress of ``centre`` on cells that lie in those which it belongs to."""
+    """The stress ``centre`` of coarse cells on the fine cells inside them."""
     coordinates = centre[:-1].reshape(len(coarse.cells.nodes), coarse.cells.N + 1, -1)
     values = carried_stress(coarse, fine, parents, coordinates)
     return np.append(values.ravel(), centre[-1])
@@ -98,7 +99,7 @@ def carried_centre(
 def carried_stress(
     coarse: LimitData, fine: LimitData, parents: np.ndarray, coordinates: np.ndarray
 ) -> np.ndarray:
-    """Coordinates (nc, N + 1, s) at the vertices of cells that lie in those of these numbers."""
+    """Stress coordinates at the vertices of cells (nc, N + 1, s), from those of their parents."""
     corners = fine.cells.points[fine.cells.nodes]
     shares = barycentric(coarse.cells, parents, corners)
     return np.einsum("tvi,tic->tvc", shares, coordinates[parents])
@@ -126,7 +127,7 @@ def gaps_of(
 def slip_gaps(
     data: LimitData, shape: YieldShape, stress: AdmissibleStress, mechanism: Mechanism
 ) -> np.ndarray:
-    """The same for slips on facets, half of it for the cell on each side."""
+    """The gaps of slips on facets; the cells on both sides get half of each."""
     cells = data.cells
     if not mechanism.slipped.any():
         return np.zeros(len(cells.nodes))
@@ -155,14 +156,14 @@ def slip_gaps(
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What the program of one bound gave.
+    """The solution of the program of one bound.
 
     Parameters
     ----------
     field
-        A stress or a mechanism, None where the solver found none.
+        A stress or a mechanism; None if the solver found none.
     unknowns, steps, word
-        Of its program: unknowns, interior point steps, how it ended.
+        Numbers of unknowns and of interior point steps, and the final status of the solver.
     """
 
     field: AdmissibleStress | Mechanism | None
@@ -205,10 +206,10 @@ def bracket_on(
     precision: float = 1e-8,
     within: float = 0.0,
 ) -> tuple[MeshBracket, np.ndarray | None]:
-    """Both bounds on a mesh, and the admissible point that the lower one starts from.
+    """Both bounds on a mesh, and the admissible stress that the lower bound starts from.
 
-    ``precision`` is how close the solver comes to the best bounds of the mesh.  In the plane the
-    upper bound takes velocities of a higher degree where the width is at most ``within``.
+    ``precision`` is the relative tolerance of the solver.  In the plane, velocities of degree
+    ``LAST_DEGREE`` are used for the upper bound once the relative width is at most ``within``.
     """
     statics = Statics(data, shape)
     if centre is None:

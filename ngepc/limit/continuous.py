@@ -1,9 +1,9 @@
-"""The upper bound in the plane: continuous velocities that flow without resistance.
+"""The upper bound in the plane: continuous velocities without volume change.
 
-They are polynomials of one degree on each cell, by their Bernstein coefficients.  So are strain
-rates, of one degree less: where the coefficients of free coordinates (the divergence) vanish, these
-vanish everywhere, and lengths of coefficients bound the dissipation, the closer the finer the cell
-is cut for it.
+Velocities are polynomials on each cell, given by Bernstein coefficients; strain rates are
+polynomials of one degree less.  If the coefficients of a free coordinate (the divergence) vanish,
+it vanishes everywhere.  The norms of the coefficients bound the dissipation, the more closely the
+finer the cell is cut for this purpose.
 """
 
 from __future__ import annotations
@@ -28,17 +28,18 @@ from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import YieldShape
 
 CUTS = 12
-"""Into how many parts edges are cut to integrate the dissipation of a solution."""
+"""Each edge of a cell is cut into so many parts to integrate the dissipation of a solution."""
 
 MIDDLES = (1 - np.eye(3)) / 2
 """Barycentric coordinates of the middles of edges."""
 
 
 def sampling(degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points where the program measures strain rates, and their parts of the volume.
+    """Points at which the program evaluates strain rates, and their weights.
 
-    Their rule is exact for squares of strain rates.  That of vertices alone would make the program
-    avoid strain rates that vary; what it finds is bounded afterwards, whatever the points.
+    The rule is exact for squares of strain rates; with vertices alone the program would avoid
+    varying strain rates.  The guarantee does not depend on the points: the dissipation of the
+    solution is bounded afterwards.
     """
     if degree == 2:
         return MIDDLES, np.full(3, 1 / 3)
@@ -49,7 +50,7 @@ def sampling(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 class ContinuousVelocities:
-    """Velocities with coefficients motion + directions @ y, unknowns y, and what they do.
+    """Velocities with the coefficients motion + directions @ y for unknowns y.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ class ContinuousVelocities:
     shape
         The yield condition.
     degree
-        Of the polynomials, 2 or more.
+        Degree of the polynomials, 2 or more.
     """
 
     def __init__(self, data: LimitData, shape: YieldShape, degree: int) -> None:
@@ -114,7 +115,7 @@ class ContinuousVelocities:
         return AffineRows(csr_matrix(matrix @ self.directions), matrix @ self.motion)
 
     def _supported(self) -> tuple[csr_matrix, np.ndarray]:
-        """Directions that supports leave free, (N nodes, unknowns), and their own velocity."""
+        """Free directions (N nodes, unknowns), and the velocity that supports prescribe."""
         data = self.data
         N = data.cells.N
         held = np.flatnonzero(data.held)
@@ -149,7 +150,7 @@ class ContinuousVelocities:
     def _assembled(
         self, touched: np.ndarray, blocks: list[tuple[np.ndarray, np.ndarray]]
     ) -> csr_matrix:
-        """The unit matrix at nodes that nothing holds, and blocks of columns at the others."""
+        """The free directions: the identity at unsupported nodes, ``blocks`` at others."""
         N = self.data.cells.N
         alone = np.flatnonzero(np.repeat(~touched, N))
         rows = [alone]
@@ -196,7 +197,7 @@ class ContinuousVelocities:
         return self._applied(csr_matrix(result.ravel()))
 
     def _obstacle_rows(self) -> tuple[AffineRows, list[DissipatedPart]]:
-        """Coefficients of speeds into obstacles, and friction by those along them."""
+        """Rows of the normal speeds at obstacles, and the dissipation by friction along them."""
         data = self.data
         facets = np.flatnonzero(data.contact)
         numbers = self.facet_numbers[facets]

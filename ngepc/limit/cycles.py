@@ -5,8 +5,8 @@ factor alpha is safe if a residual stress rho, the same for all vertices, keeps
 
     |dev(alpha sigma_j + rho)| <= beta        at each point and for each vertex j.
 
-Strain increments e_j, one for each vertex, whose sum is the strain of a velocity that supports
-allow, bound it from above:
+Strain increments e_j, one for each vertex, whose sum is the strain of an admissible velocity, bound
+alpha from above:
 
     alpha sum_j int sigma_j : e_j <= sum_j int beta |e_j| - (power of the constant loads).
 """
@@ -28,13 +28,13 @@ from ngepc.limit.static import AdmissibleStress, Statics
 from ngepc.limit.yielding import YieldShape
 
 DEGREE = 2
-"""Of the velocities."""
+"""Degree of the velocities."""
 
 BALL_STEPS = 300
-"""Steps towards the smallest balls around the stresses of a point; each gives a bound."""
+"""Steps of the search for the smallest balls around the stresses of a point."""
 
 ROUNDING = 1e-12
-"""By which the bound of alternating plasticity is widened, relative."""
+"""Relative amount by which the bound of alternating plasticity is enlarged for rounding."""
 
 
 class ResidualStatics(Statics):
@@ -94,7 +94,7 @@ class StrainCycles(ContinuousVelocities):
     """Velocities and strain increments; unknowns are those of velocities, then all e_j but one.
 
     The increments are polynomials on each cell like the strain of the velocity, times the size of
-    the cell; the last one is what the others leave of that strain.
+    the cell; the last one is that strain less all others.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class StrainCycles(ContinuousVelocities):
         return len(self.size) * self.strains * self.shape.capped
 
     def _widened(self, part: AffineRows) -> AffineRows:
-        """Rows for velocities with zero columns for the increments."""
+        """Append zero columns for the increments to rows for velocities."""
         width = (len(self.elastic) - 1) * self.increments
         zero = csr_matrix((part.rows.shape[0], width))
         return AffineRows(csr_matrix(hstack([part.rows, zero])), part.offset)

@@ -1,7 +1,7 @@
 """The data of limit analysis: growing and constant loads, supports, obstacles, strength.
 
-All of it is constant on cells or affine on boundary facets of the mesh of the problem, and is
-carried from there to finer meshes, exactly.
+The data are constant on cells or affine on boundary facets of the mesh of the problem; they are
+transferred to finer meshes exactly.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ngepc.bounds.simplices import Simplices
 
 GROWS = 0
 STAYS = 1
-"""First index of loads: those that grow and those that stay."""
+"""First index of load arrays: growing loads and constant loads."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -28,7 +28,7 @@ class LimitData:
     bound
         The yield bound beta of each cell (stress), shape (nc,).
     force
-        Body forces that grow and that stay, (2, nc, N) (force per volume).
+        Growing and constant body forces, (2, nc, N) (force per volume).
     traction
         The same on facets, at their vertices, (2, nf, N, N) (stress).
     motion
@@ -59,11 +59,11 @@ class LimitData:
 
     @property
     def has_constant(self) -> bool:
-        """Whether there are loads that stay."""
+        """Whether there are constant loads."""
         return bool(self.force[STAYS].any() or self.traction[STAYS].any())
 
     def on(self, cells: Simplices, parents: np.ndarray) -> LimitData:
-        """The same data on cells that lie in those of this one with these numbers."""
+        """The same data on finer ``cells`` inside the cells ``parents``."""
         coarse = self.cells
         outer = np.flatnonzero(cells.outer)
         above = parents[cells.owners[outer, 0]]
@@ -104,9 +104,9 @@ class LimitData:
         )
 
     def without_units(self) -> tuple[LimitData, float]:
-        """The same in units that make all numbers about one, and the unit of the load factor.
+        """The data in units in which numbers are of order one, and the unit of the load factor.
 
-        Lengths by the extent of the body, stresses by the largest yield bound, loads by theirs.
+        The units are the extent of the body, the largest yield bound, and the size of the loads.
         """
         cells = self.cells
         length = float(np.ptp(cells.points, axis=0).max())

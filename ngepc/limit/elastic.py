@@ -38,7 +38,7 @@ POINTS = len(SAMPLES.weights)
 
 
 def without_loads(problem: Problem, names: Sequence[str]) -> Problem:
-    """The problem without the loads of these names; supports of these names stand still."""
+    """The problem without the loads ``names``; supports of these names get zero displacement."""
     kept = {}
     for field in ("traction", "pressure"):
         given = getattr(problem, field) or {}
@@ -53,7 +53,7 @@ def without_loads(problem: Problem, names: Sequence[str]) -> Problem:
 
 
 def at_rest(given: Sequence[Coefficient | None] | Roller) -> Sequence | Roller:
-    """The support, with displacements of zero."""
+    """The support with zero displacement."""
     if isinstance(given, Roller):
         return replace(given, value=0.0)
     return tuple(None if value is None else 0.0 for value in given)
@@ -110,7 +110,7 @@ def elastic_stress(
 def imbalance(
     data: LimitData, shape: YieldShape, coordinates: np.ndarray
 ) -> np.ndarray:
-    """What a stress leaves of the equations of equilibrium with the growing loads (stress)."""
+    """Residual of the equilibrium of a stress with the growing loads (stress)."""
     force = data.force.copy()
     traction = data.traction.copy()
     force[STAYS] = 0.0

@@ -24,7 +24,7 @@ from ngepc.limit.static import AdmissibleStress
 from ngepc.limit.yielding import YieldShape
 
 ROUNDED = 1e-14
-"""Coefficients of velocities, over the largest, that are rounding and stand for zero."""
+"""Coefficients of velocities below this fraction of the largest are set to zero."""
 
 
 def mesh_of(data: LimitData, original: Mesh, length: float) -> Mesh:
@@ -88,7 +88,7 @@ def velocity_function(
 ) -> GridFunction:
     """The velocity of a mechanism, with a largest speed of one.
 
-    Continuous in the plane, and on each element for itself in space.
+    It is continuous in the plane and discontinuous between elements in three dimensions.
     """
     N = data.cells.N
     degree = mechanism.degree

@@ -1,7 +1,7 @@
-"""Programs for the upper bound, for all classes of velocities.
+"""The conic program of the upper bound, for all classes of velocities.
 
-Velocities are affine functions of unknowns y.  They are described by conditions and by parts of the
-dissipation, each a sum of weights times lengths of vectors that are affine in y.
+Velocities are affine functions of unknowns y.  A class of velocities provides linear conditions and
+parts of the dissipation; each part is a sum of weights times norms of vectors that are affine in y.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ngepc.limit.repair import Projection
 from ngepc.linalg.conic import ConeProgram
 
 LIFTED = 1e-7
-"""Speed off an obstacle, relative to the largest, below which it is set to zero."""
+"""Normal speeds at an obstacle below this fraction of the largest are set to zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class AffineRows:
 
 @dataclass(frozen=True, eq=False)
 class DissipatedPart:
-    """A sum of weights times lengths of vectors with so many components.
+    """A sum of weights times norms of vectors with ``size`` components.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class DissipatedPart:
         return np.linalg.norm(self.vectors.at(y).reshape(-1, self.size), axis=1)
 
     def cone(self, first: int, width: int) -> tuple[csr_matrix, np.ndarray, int]:
-        """Unknowns from ``first`` on, of ``width``, are at least the lengths."""
+        """The cones |vector| <= bound; unknowns from ``first`` on of ``width`` are the bounds."""
         count = len(self.weights)
         rows = self.vectors.rows.tocoo()
         size = self.size
@@ -84,15 +84,15 @@ class Flow:
     Parameters
     ----------
     none
-        Rows that must vanish: free strain rates, and components that supports hold.
+        Rows that must vanish: free coordinates of strain rates, and held components.
     push
         Speeds into obstacles, which must not be positive.
     power
-        Power of the loads that grow and of those that stay.
+        Power of the growing and of the constant loads.
     parts
-        The dissipation.
+        The parts of the dissipation.
     moves
-        Whether supports move, in place of forces that do unit power.
+        Whether the load is a motion of supports; otherwise the growing loads do unit power.
     """
 
     none: AffineRows
@@ -103,7 +103,7 @@ class Flow:
 
     @property
     def equations(self) -> tuple[csr_matrix, np.ndarray]:
-        """The equations for y: what must vanish, and unit power of the growing loads."""
+        """The equations for y: vanishing rows, and unit power of the growing loads."""
         if self.moves:
             return self.none.rows, -self.none.offset
         grows = self.power[GROWS]
@@ -111,7 +111,7 @@ class Flow:
         return rows, np.append(-self.none.offset, 1 - grows.offset)
 
     def program(self) -> ConeProgram:
-        """The conic program of the smallest dissipation; lengths follow the unknowns y."""
+        """The conic program of the smallest dissipation; its unknowns are y, then the norms."""
         equations, values = self.equations
         width = equations.shape[1]
         lengths = sum(len(part.weights) for part in self.parts)

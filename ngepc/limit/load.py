@@ -36,32 +36,32 @@ from ngepc.model.problem import Problem
 log = logging.getLogger(__name__)
 
 MARKING = 0.5
-"""Share of the gap in the cells that are cut."""
+"""Cells with this share of the gap are cut."""
 
 ENOUGH = 0.8
-"""Largest share of the gap that is cut in the last step to the tolerance."""
+"""Largest share of the gap in the cells that are cut for the last mesh."""
 
 AIM = 0.9
 """The last mesh aims at this fraction of the tolerance."""
 
 EXPECTED = 0.7
-"""Expected decrease of the gap in cells that are cut, as a part."""
+"""Expected relative decrease of the gap in cells that are cut."""
 
 MAX_CELLS = 10_000
-"""No mesh has more cells unless the user says so."""
+"""Default of the largest number of cells."""
 
 FINISHED = 1.5
-"""Width over the one asked for at which velocities of the last degree are worth their costs."""
+"""Velocities of the last degree are used once the width is this multiple of the tolerance."""
 
 LEAST = 0.25
 """Smallest share of the gap in the cells that are cut."""
 
 PRECISE = 1e-3
 COARSEST = 1e-5
-"""Precision of programs over the relative width that is asked for, and the largest one."""
+"""Relative tolerance of the solver: this fraction of the requested width, and its upper limit."""
 
 NOTHING = 1e-6
-"""A smaller ratio of the bounds shows loads that contradict each other at corners of a solid."""
+"""A smaller lower/upper ratio indicates loads that are incompatible at the edges of a solid."""
 
 HARDENS = "Hardening is neglected: the strength is the yield stress of the material."
 
@@ -89,7 +89,7 @@ class LimitStatus(Enum):
 
     @property
     def is_success(self) -> bool:
-        """Whether the width was reached."""
+        """Whether the requested width was reached."""
         return self is LimitStatus.REACHED
 
 
@@ -102,13 +102,13 @@ class LimitRecord:
     cells
         Elements of the mesh.
     unknowns
-        Of the programs for the lower and the upper bound.
+        Numbers of unknowns of the programs for the lower and the upper bound.
     lower, upper
         The best bounds up to this mesh.
     steps
         Steps of the interior point method for the lower and the upper bound.
     words
-        How the solver ended, for both.
+        Final status of the solver for both.
     """
 
     cells: int
@@ -142,9 +142,9 @@ class LimitLoad:
     growing
         The loads that grow, by name.
     lower, upper
-        The body carries the load factor ``lower`` and none above ``upper``; the factor multiplies
-        the loads that grow.  Where supports move it is the power of their reactions: for a punch
-        with the displacement (0, -1) its force.
+        The body carries the load factor ``lower``, and none above ``upper``; the factor multiplies
+        the growing loads.  If supports move, it is the power of their reactions: for a punch with
+        the displacement (0, -1) its force.
     status
         How the search ended.
     records
@@ -169,7 +169,7 @@ class LimitLoad:
 
     @property
     def message(self) -> str:
-        """How it ended, and what limit analysis neglects."""
+        """How the search ended, and what limit analysis neglects."""
         return f"{self.status.value} {HARDENS}"
 
     @cached_property
@@ -203,17 +203,17 @@ class LimitLoad:
 
     @cached_property
     def indicators(self) -> GridFunction:
-        """Dissipation minus power of the stress over that of the loads, one for each element.
+        """Dissipation minus power of the stress, over the power of the loads, for each element.
 
-        None is negative; together with the terms on obstacles they add up to the relative width of
-        the bounds of this mesh.
+        They are nonnegative; with the terms on obstacles their sum is the relative width of the
+        bounds of this mesh.
         """
         gaps = self.last.gaps[cell_order(self.last.data)]
         return on_elements(self.mesh, gaps / abs(self.last.lower))
 
     @cached_property
     def dissipation(self) -> GridFunction:
-        """Part of the dissipation of the mechanism in each element, over its part of the volume."""
+        """Density of dissipation of each element over the mean density of the body."""
         order = cell_order(self.last.data)
         dissipated = self.last.mechanism.dissipated[order]
         volume = self.last.data.cells.volume[order]
@@ -305,7 +305,7 @@ class Search:
         max_cells: int,
         monitor: Callable[[LimitRecord], None] | None,
     ) -> LimitStatus:
-        """Solve, and cut cells, until the bracket is as narrow as asked."""
+        """Solve and cut cells until the relative width is at most the tolerance."""
         self.tolerance = tolerance
         while True:
             precision = min(COARSEST, PRECISE * tolerance)
@@ -326,12 +326,12 @@ class Search:
                 return LimitStatus.TOO_WEAK if weak else LimitStatus.MESH_LIMIT
 
     def solved(self, precision: float) -> tuple[MeshBracket, np.ndarray | None]:
-        """Both bounds on the mesh, and the admissible point that the lower one starts from."""
+        """Both bounds on the mesh, and the admissible stress that the lower bound starts from."""
         within = FINISHED * self.tolerance
         return bracket_on(self.data, self.shape, self.centre, precision, within)
 
     def carry(self, data: LimitData, parents: np.ndarray) -> None:
-        """Go on with the data on finer cells, and with the centre there."""
+        """Transfer the data and the admissible stress to finer cells."""
         if self.centre is not None:
             self.centre = carried_centre(self.data, data, parents, self.centre)
         self.data = data
@@ -349,7 +349,7 @@ class Search:
         return record
 
     def refine(self, max_cells: int) -> bool:
-        """Cut cells where the gap is and fans where they are missing, if that is allowed."""
+        """Cut cells with large gaps and cells of fans; False if that gives too many cells."""
         last = self.last
         cells = last.data.cells
         width = width_of(self.lower, self.upper)

@@ -19,16 +19,16 @@ class Mechanism:
     values
         Bernstein coefficients of the velocity on each cell, (nc, n, N).
     degree
-        Of these polynomials; strain rates have one less.
+        Degree of these polynomials; that of strain rates is one less.
     strain
         Bernstein coefficients of the strain rate's coordinates on each cell, (nc, m, s).
     dissipated
-        What each cell dissipates.
+        The dissipation of each cell.
     slips
         Velocities of the second cell relative to the first at the vertices of facets, (nf, N, N);
         zero where velocities are continuous.
     slipped
-        What they dissipate on each facet.
+        The dissipation of the slips on each facet.
     factor
         The upper bound of the load factor.
     """

@@ -32,7 +32,7 @@ COVERS = BASIC_FEATURES | {
 """Features of a problem that limit loads cover; hardening is neglected."""
 
 CLOSED = 1e-12
-"""Fraction of the extent of the body by which a gap may differ from zero."""
+"""A gap below this fraction of the extent of the body counts as closed."""
 
 
 def check_limit_problem(problem: Problem, what: str) -> None:
@@ -53,7 +53,7 @@ def check_limit_problem(problem: Problem, what: str) -> None:
 def growing_names(problem: Problem, growing: Sequence[str] | None) -> tuple[str, ...]:
     """The loads that grow, by name: all tractions, pressures and body forces for None.
 
-    Without any, the supports that move.
+    If there are none, the supports that move.
     """
     loads = list(problem.tractions)
     if problem.body_force is not None:
@@ -149,7 +149,7 @@ def _tractions(
 def _supports(
     problem: Problem, facets: OuterFacets, moving: tuple[str, ...]
 ) -> dict[str, np.ndarray]:
-    """Frames of facets, how many of their rows supports hold, and the velocities of these."""
+    """Frames of facets, numbers of held rows of the frames, and prescribed velocities."""
     cells = facets.cells
     N = cells.N
     count = len(cells.facets)

@@ -1,4 +1,4 @@
-"""Repair of approximate solutions: the smallest change that satisfies linear equations."""
+"""Projection of approximate solutions onto the solutions of linear equations."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from scipy.sparse import csr_matrix, diags, tril
 from ngepc.linalg.direct import from_entries
 
 REGULAR = 1e-9
-"""Added to the squares of unit rows, as equations may depend on each other."""
+"""Regularisation relative to the squares of the rows, as rows may be dependent."""
 
 ROUNDS = 8
-"""Largest number of corrections; each leaves only a small part of the residual."""
+"""Largest number of corrections; each reduces the residual to a small part."""
 
 
 class Projection:
-    """Onto the x with ``equations x = values``, also where rows depend on each other.
+    """Projection onto the x with ``equations x = values``; rows may be dependent.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Projection:
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The projection of x, and an estimate of its rounding error.
 
-        That is the change which one more correction would make.
+        The estimate is the change of one more correction.
         """
         change = self.change(x)
         for _ in range(ROUNDS):

@@ -1,8 +1,8 @@
 """Shakedown: the largest factor of loads that vary below which plastic flow stops, bracketed.
 
-Loads that vary within a set, in any order and as often as they like, are safe by the factor alpha
-if some residual stress keeps the elastic stresses of alpha times each load within the yield
-condition (Melan 1938); it is enough to look at the vertices of the set.  Cycles of plastic strain
+Loads that vary within a set, in any order and any number of times, are safe for the factor alpha if
+some residual stress, added to the elastic stresses of alpha times each load, satisfies the yield
+condition (Melan 1938); it suffices to check the vertices of the set.  Cycles of plastic strain
 whose sum is compatible bound alpha from above (Koiter 1956).
 """
 
@@ -120,7 +120,7 @@ class ShakedownLoad:
 
     @property
     def message(self) -> str:
-        """How it ended, what the bounds are worth, and what happens above them."""
+        """How the search ended, whether the bounds are guaranteed, and what happens above them."""
         worth = GUARANTEED if self.exact else ESTIMATED
         if not math.isfinite(self.upper):
             return f"{self.status.value} {worth}"
@@ -141,7 +141,7 @@ class ShakedownLoad:
     def residual_stress(self) -> CoefficientFunction | None:
         """The residual stress of the lower bound, an N x N tensor on ``mesh`` (stress).
 
-        It is in equilibrium with the loads that stay.
+        It is in equilibrium with the constant loads.
         """
         if self.last.stress is None:
             return None
@@ -151,9 +151,9 @@ class ShakedownLoad:
 
     @cached_property
     def mechanism(self) -> GridFunction | None:
-        """The displacement that a cycle adds, on ``mesh``, with a largest value of one.
+        """The displacement that each cycle adds, on ``mesh``, scaled to a largest value of one.
 
-        None where strains alternate and nothing is added.
+        None for alternating plasticity, where a cycle adds nothing.
         """
         found = self.last.mechanism
         if found is None or self.alternates:
@@ -185,15 +185,15 @@ def shakedown_load(
     Parameters
     ----------
     problem
-        Loads, supports, elasticity and strength; its mesh decides on the elastic stresses.
-        Hardening does not count.
+        Loads, supports, elasticity and strength; the elastic stresses are computed on its mesh.
+        Hardening is neglected.
     vertices
         Either the range of each load that varies, independently of the others,
         {'top': (0, 1), 'right': (-1, 1)}, or a sequence with the factors of the loads at each
         vertex, [{}, {'top': 1}, {'top': 1, 'initial_strain': 1}], where a missing load is zero.
         Loads are boundaries with a traction or pressure, 'body_force', 'initial_strain', and
         boundaries whose prescribed displacement is other than zero.  A load that no vertex names
-        stays, and the factor does not multiply it.
+        is constant, and the factor does not multiply it.
     relative_width
         (upper - lower) / lower that is wanted, > 0.
     max_cells
@@ -304,13 +304,13 @@ class CycleSearch(Search):
         self.upper = self.alternating
 
     def solved(self, precision: float) -> tuple[MeshBracket, np.ndarray | None]:
-        """Both bounds on the mesh, and the admissible point that the lower one starts from."""
+        """Both bounds on the mesh, and the admissible stress that the lower bound starts from."""
         return cycle_bracket_on(
             self.data, self.shape, self.elastic, self.centre, precision
         )
 
     def carry(self, data: LimitData, parents: np.ndarray) -> None:
-        """Go on with the data on finer cells, with the centre and the elastic stresses there."""
+        """Transfer the data, the admissible stress and the elastic stresses to finer cells."""
         self.elastic = np.stack(
             [carried_stress(self.data, data, parents, part) for part in self.elastic]
         )

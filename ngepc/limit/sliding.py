@@ -1,10 +1,10 @@
-"""The upper bound for solids: velocities of degree one that slide along the facets of cells.
+"""The upper bound for solids: velocities of degree one that may slip along the facets of cells.
 
 Normal components are continuous, tangential ones may jump: a slip s dissipates beta |s| / 2^(1/2),
-with the smaller beta of both sides, also beside a support.  Unknowns are the normal components at
-the vertices of facets: those of the N facets around a vertex of a cell are its velocity there.
-Strain rates are constant on cells, and slips affine on facets: the mean of |s| at the vertices of
-the parts of a facet is nowhere below that on the facet.
+with the smaller beta of both sides, also along a support.  The unknowns are the normal components
+at the vertices of facets: those of the N facets around a vertex of a cell determine its velocity
+there.  Strain rates are constant on cells and slips are affine on facets, so that the mean of |s|
+over the vertices of the parts of a facet is at least the mean over the facet.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import SLIP, YieldShape
 
 CUTS = 8
-"""Into how many parts edges are cut to integrate the dissipation of slips."""
+"""Each edge is cut into so many parts to integrate the dissipation of slips."""
 
 INSIDE = {2: np.array([[0.79, 0.21], [0.21, 0.79]]), 3: (1 + 3 * np.eye(3)) / 6}
-"""Points of a facet where the program measures slips, see ``sampling``."""
+"""Points of a facet at which the program evaluates slips, see ``sampling``."""
 
 ALONG = 1e-9
-"""Part of a unit vector below which it counts as zero."""
+"""Components of unit vectors below this number count as zero."""
 
 
 class SlidingVelocities:
-    """Velocities that are affine on cells and slide on their facets.
+    """Velocities that are affine on cells and may slip along facets.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ class SlidingVelocities:
     def _at_facets(self, vectors: np.ndarray, both: bool) -> csr_matrix:
         """Products of vectors (nf, r, N) with velocities at the vertices of facets.
 
-        Of the first of their cells, or ``both``: that less the one of the other cell.
+        The velocity of the first cell of each facet; with ``both``, less that of the second cell.
         """
         cells = self.data.cells
         N = cells.N
@@ -183,7 +183,7 @@ class SlidingVelocities:
         return self._applied(csr_matrix(by_area + by_volume))
 
     def _parts(self) -> list[DissipatedPart]:
-        """Dissipation in cells, by slips between them and at supports, by friction."""
+        """Dissipation in cells, by slips between them and at supports, and by friction."""
         data = self.data
         cells = data.cells
         shape = self.shape

@@ -1,7 +1,7 @@
-"""The lower bound: stresses in equilibrium that nowhere exceed the yield condition.
+"""The lower bound: stresses in equilibrium that satisfy the yield condition everywhere.
 
-They are affine on each cell.  Equilibrium and continuity of tractions are linear equations; the
-yield condition is convex, so that it holds on a cell if it holds at its vertices.
+The stresses are affine on each cell.  Equilibrium and continuity of tractions are linear equations;
+the yield condition is convex, so that it holds on a cell if it holds at its vertices.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ ENCLOSED = 4.0
 
 @dataclass(frozen=True, eq=False)
 class AdmissibleStress:
-    """A stress in equilibrium with the loads that stay and ``factor`` times those that grow.
+    """A stress in equilibrium with the constant loads and ``factor`` times the growing ones.
 
     Parameters
     ----------
     coordinates
-        Of the stress in the basis of the yield condition, at the vertices of the cells,
+        Coordinates of the stress in the basis of the yield condition, at the vertices of the cells,
         (nc, N + 1, s).
     factor
-        The load factor; where supports move, the power of their reactions.
+        The load factor; if supports move, the power of their reactions.
     """
 
     coordinates: np.ndarray
@@ -72,18 +72,18 @@ class Statics:
         self._drag_rows(dragged)
 
     def _with_factor(self, rows: csr_matrix, column: np.ndarray) -> csr_matrix:
-        """Rows for the stress with the column of the load factor."""
+        """Append the column of the load factor to rows for the stress."""
         return csr_matrix(hstack([rows, column[:, None]]))
 
     def _given_tractions(self) -> np.ndarray:
-        """Tractions that grow and stay in the frames of facets, (2, nf N N)."""
+        """Growing and constant tractions in the frames of facets, (2, nf N N)."""
         data = self.data
         inside = np.where(data.cells.outer, 1.0, 0.0)[:, None, None]
         given = np.einsum("frp,kfjp->kfjr", data.frame, data.traction) * inside
         return given.reshape(2, -1)
 
     def _obstacle_rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Which tractions push an obstacle, and which rub along it, (nf N N)."""
+        """Rows of the normal and of the tangential tractions on obstacles, as booleans (nf N N)."""
         data = self.data
         N = data.cells.N
         normals = np.zeros((len(data.contact), N, N), dtype=bool)
@@ -95,7 +95,7 @@ class Statics:
     def _boundary_rows(
         self, excepted: np.ndarray
     ) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
-        """Continuity of tractions, and those that are given."""
+        """Equations of continuous and of given tractions."""
         data = self.data
         N = data.cells.N
         known = np.arange(N) >= data.held[:, None]
@@ -151,7 +151,7 @@ class Statics:
     def gain(self) -> np.ndarray:
         """The objective of the lower bound, as a vector for x.
 
-        The load factor, or the power of the tractions at supports that move.
+        It is the load factor, or the power of the reactions if supports move.
         """
         result = np.zeros(self.count + 1)
         if not self.data.moves:
@@ -188,7 +188,7 @@ class Statics:
             )
         equations = self.equations
         values = self.values
-        if self.data.moves:  # nothing grows: the factor is no unknown
+        if self.data.moves:  # no load grows: the factor is fixed
             last = np.zeros((1, self.count + 1))
             last[0, -1] = 1.0
             equations = vstack([equations, csr_matrix(last)], format="csr")
@@ -196,9 +196,9 @@ class Statics:
         return ConeProgram(-gain, equations, values, self.pressed, self.least, cones)
 
     def least_stressed(self) -> ConeProgram:
-        """The conic program of the smallest part of the strength that some load needs.
+        """The conic program of the smallest fraction of the strength that some load needs.
 
-        Its last unknown is that part.
+        The fraction is the last unknown.
         """
         whole = self.program(self.gain())
         cones = []
@@ -241,9 +241,10 @@ class Statics:
     def admissible(
         self, x: np.ndarray, centre: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The point on the way from an admissible ``centre`` to x that is balanced and safe.
+        """The last admissible point on the segment from an admissible ``centre`` to x.
 
-        With it comes the part of the way; less than one where x is beyond yield.
+        Returns the point, in equilibrium, and its position on the segment: 1 if x itself satisfies
+        the yield condition.
         """
         x, left = self.balanced(x)
         margin = ENCLOSED * float(left.max())
@@ -262,7 +263,7 @@ class Statics:
         return centre + part * (x - centre), part
 
     def stress(self, x: np.ndarray) -> AdmissibleStress:
-        """The stress and the factor of x."""
+        """The stress of x with its load factor."""
         cells = self.data.cells
         coordinates = x[:-1].reshape(len(cells.nodes), cells.N + 1, -1)
         return AdmissibleStress(coordinates, float(self.gain() @ x))
@@ -287,7 +288,7 @@ def traction_rows(data: LimitData, shape: YieldShape) -> csr_matrix:
 def sparse_rows(
     values: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
 ) -> csr_matrix:
-    """A matrix of entries whose rows and columns are broadcast to them; equal places add up."""
+    """A sparse matrix; rows and columns are broadcast to the values, duplicates are summed."""
     where = tuple(np.broadcast_to(a, values.shape).ravel() for a in (rows, columns))
     result = csr_matrix(coo_matrix((values.ravel(), where), shape=shape))
     result.eliminate_zeros()

@@ -3,12 +3,13 @@
 Stresses are sum_c s_c B_c with matrices B_c; strain rates have the coordinates e_c = B_c : eps.
 The first ``free`` coordinates do not enter the yield condition, so that
 
-    stresses are allowed where |(s_free, s_free+1, ...)| <= beta,
-    flow has e_c = 0 for c < free and dissipates beta |(e_free, e_free+1, ...)|.
+    a stress is admissible if |(s_free, s_free+1, ...)| <= beta,
+    plastic flow has e_c = 0 for c < free and dissipates beta |(e_free, e_free+1, ...)|.
 
-Plane strain leaves sigma_zz free: the best one is (sigma_xx + sigma_yy) / 2, and |dev sigma| is
-that of the deviator in the plane, as in the law of two dimensions.  Plane stress leaves none free:
-the deviator of sigma = m I has the size (2/3)^(1/2) |m|, and changes of thickness dissipate.
+In plane strain sigma_zz is free: the best choice is (sigma_xx + sigma_yy) / 2, and |dev sigma| is
+the norm of the in-plane deviator, as in the law of two dimensions.  In plane stress no coordinate
+is free: the deviator of sigma = m I has the norm (2/3)^(1/2) |m|, and changes of thickness
+dissipate.
 """
 
 from __future__ import annotations
@@ -45,12 +46,12 @@ class YieldShape:
 
     @property
     def basis(self) -> np.ndarray:
-        """The matrices B_c as far as equilibrium knows them, (s, N, N)."""
+        """The in-plane parts of the matrices B_c, which enter equilibrium, (s, N, N)."""
         return self.tensors[:, : self.N, : self.N]
 
     @property
     def reading(self) -> np.ndarray:
-        """The matrix (k k, s) with which flat tensors become coordinates."""
+        """The matrix (k k, s) that maps flattened tensors to coordinates."""
         return np.linalg.pinv(self.tensors.reshape(self.size, -1))
 
     @property
@@ -70,7 +71,7 @@ def _with_mean(deviators: np.ndarray) -> np.ndarray:
 
 
 def _thin() -> np.ndarray:
-    """The unit matrix, so that its stress has a deviator of size one, and orthonormal deviators."""
+    """The unit matrix, scaled such that its deviator has norm one, and orthonormal deviators."""
     basis = _with_mean(TWO_DIMENSIONAL.basis)
     basis[0] *= math.sqrt(3 / 2)
     return basis
@@ -80,7 +81,7 @@ FLAT = YieldShape(_with_mean(TWO_DIMENSIONAL.basis), 1, 2)
 THIN = YieldShape(_thin(), 0, 2)
 ROUND = YieldShape(_with_mean(SOLID.basis), 1, 3)
 LONG = YieldShape(_with_mean(PLANE_STRAIN.basis), 1, 2)
-"""Plane strain with the deviator of sigma_zz, which loads that vary cannot choose anew each."""
+"""Plane strain with sigma_zz as a coordinate: it cannot be chosen anew for each varying load."""
 
 SHAPES = {
     "plane strain": FLAT,

@@ -27,7 +27,7 @@ from ngepc.sensitivity.law_data import PARTS, PartDatum, is_of_part, with_consta
 from ngepc.sensitivity.parameters import MATERIAL
 
 ILL_CONDITIONED = (
-    1e8  # condition of J' J above which the data do not identify all constants
+    1e8  # condition of J' J; above it the data do not identify all constants
 )
 
 
@@ -87,7 +87,7 @@ class Curve:
         states = [give_state() for give_state in states_of(run)]
         steps = [
             run.times.index(time) for time in self.schedule.times
-        ]  # cuts add others
+        ]  # halved steps add times between
         predicted = np.array([functional.slope(states[step]).value for step in steps])
         weights = np.ones(len(steps)) / (1.0 if self.noise is None else self.noise)
 
@@ -110,15 +110,16 @@ class Calibration:
     ----------
     values, intervals
         Name -> constant, and (lower, upper) of its confidence interval, linearised in logarithms:
-        (0, inf) where the data do not tell.
+        (0, inf) for a constant that the data do not identify.
     problem
         The problem with these constants.
     residuals, condition
         (predicted - measured) / noise; condition of J' J in the logarithms, 1 is best.
     evaluations
-        How often the whole load path was solved.
+        Number of solutions of the whole load path.
     converged, message
-        Whether ``scipy.optimize.least_squares`` met a tolerance; whether the data identify all.
+        Whether ``scipy.optimize.least_squares`` met a tolerance; names of constants that the data
+        do not identify, empty if there are none.
     """
 
     values: dict[str, float]
@@ -178,7 +179,7 @@ def calibrate(
         values = dict(zip(names, np.exp(logarithms).tolist(), strict=True))
         return with_constants(problem, values)
 
-    @lru_cache(maxsize=1)  # the Jacobian is asked for where the residuals were found
+    @lru_cache(maxsize=1)  # scipy asks for the Jacobian at the last point of evaluation
     def fits(*logarithms: float) -> list:
         """The fit of each curve for logarithms of the parameters."""
         return [curve.fit(fitted(logarithms)) for curve in curves]
@@ -187,7 +188,7 @@ def calibrate(
         lambda x: np.concatenate([residuals for residuals, _ in fits(*x)]),
         np.log([start[name] for name in names]),
         lambda x: np.concatenate([slopes(names) for _, slopes in fits(*x)]) * np.exp(x),
-        method="dogbox",  # shortest Gauss-Newton steps where the data do not identify a constant
+        method="dogbox",  # minimum-norm Gauss-Newton steps if the data do not identify a constant
         max_nfev=limit,
     )
     known = all(curve.noise is not None for curve in curves)
@@ -205,7 +206,7 @@ def calibrate(
 
 
 def _doubt(names: Sequence[str], condition: float) -> str:
-    """A message if the data do not identify all constants; empty if they do."""
+    """A message if the data do not identify all constants; otherwise empty."""
     if condition <= ILL_CONDITIONED:
         return ""
     matrix = f"the condition number of the Gauss-Newton matrix is {condition:.2g}."
@@ -239,8 +240,8 @@ def _statistics(
 ) -> tuple[float, np.ndarray]:
     """Condition of J' J, and the ends of the confidence intervals, shape (2, constants).
 
-    Those of the linearised problem at the end of the search; where the noise is not ``known`` it is
-    estimated from the residuals.
+    They belong to the problem linearised at the solution; noise that is not ``known`` is estimated
+    from the residuals.
     """
     m, n = found.jac.shape
     _, singular, right = np.linalg.svd(found.jac, full_matrices=False)
@@ -252,7 +253,9 @@ def _statistics(
             np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0)
         )
         factor = stats.norm.ppf(0.5 + confidence / 2)
-        if not known:  # it is unknown if there are as many measurements as constants
+        if (
+            not known
+        ):  # the noise cannot be estimated from as many measurements as constants
             error = (
                 error * np.sqrt(2 * found.cost / (m - n))
                 if m > n

@@ -1,12 +1,13 @@
 """Contact and friction linearised at a solution, for a given status of each row.
 
-With any stiffness k > 0 the forces of the rows are x = P(x + k (R u - closed_at)), in which P
-projects normal forces onto n >= 0 and friction onto its bound b.  With its derivative G changes
-obey
+For any stiffness k > 0 the forces of the rows satisfy x = P(x + k (R u - closed_at)), where P
+projects normal forces onto n >= 0 and friction onto its bound b.  With the derivative G of P the
+changes satisfy
 
     x' = G (x' + k (R u' - closed_at')) + a',
 
-in which a' is the change of b along e, that of the slip, by F' or mu' n where rows slip.
+where a' is the change of the bound b, F' or mu' n, along the direction e of slip, for slipping
+rows.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ BIACTIVE = 1e-6  # relative tolerance within which rows and points count as biac
 
 
 class LinearContact:
-    """The status of the rows, by default that of the solution, and the matrices of these equations.
+    """The status of each row, by default that of the solution, and the matrices of the equations.
 
-    For m rows and n forces: ``rows`` is R at the free components, ``slope`` is G with its
-    ``blocks`` for each row, (m, 1 + d, 1 + d), ``pushed`` is - G k.
+    For m rows and n forces: ``rows`` is R at the free components; ``slope`` is G, with ``blocks``
+    for each row (m, 1 + d, 1 + d); ``pushed`` is - G k.
     """
 
-    closed: np.ndarray  # boolean, shape (m,) as all but the direction
+    closed: np.ndarray  # boolean, shape (m,) like all except the direction
     with_friction: np.ndarray  # boolean: friction acts
     slips: np.ndarray  # boolean
     bound: np.ndarray  # b (force)
@@ -80,13 +81,13 @@ class LinearContact:
         return bool(((self.closed == other.closed) & (self.slips == other.slips)).all())
 
     def stacked(self, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """Numbers n and t = along e of the rows, in the order of x."""
+        """Normal parts n and tangential parts ``along`` e of the rows, in the order of x."""
         return np.append(normal, along[:, None] * self.along)
 
     def given(self) -> Tape:
-        """From the data and the prescribed displacements a' - G k closed_at', "given" (n,).
+        """Equations of "given" = a' - G k closed_at', (n,), from changes of data and supports.
 
-        On the way "bound" is the change of b with the same normal forces, (m,).
+        "bound" (m,) is the change of b for the same normal forces.
         """
         R, pushed, back = self.conditions, self.pushed, self.pushed.T.tocsr()
         tangential = diags(np.arange(len(R)) >= len(self.closed), dtype=float)
@@ -117,9 +118,9 @@ class LinearContact:
 class Biactive(NamedTuple):
     """The weakly active rows and points of a state, by their numbers.
 
-    ``rows`` of contact have lambda = 0 and no gap, up to the tolerance; ``kinks`` are closed rows
-    where friction is at its bound without slip, or the bound changes its law; ``points`` are those
-    with |s| = beta up to the tolerance.
+    Up to a tolerance: ``rows`` of contact with lambda = 0 and no gap; ``kinks``, closed rows whose
+    friction is at its bound without slip, or whose bound reaches its limit; ``points`` with
+    |s| = beta.
     """
 
     rows: np.ndarray
@@ -128,7 +129,7 @@ class Biactive(NamedTuple):
 
 
 def biactive_message(steps: Sequence[Biactive]) -> str:
-    """A message about biactive rows and points of each step; empty if there are none."""
+    """The message about biactive rows and points of the steps; empty if there are none."""
     said = []
     for number, (rows, kinks, points) in enumerate(steps, 1):
         if len(rows) + len(kinks) + len(points):
@@ -144,8 +145,8 @@ def biactive_message(steps: Sequence[Biactive]) -> str:
 def biactive_set(contact: LinearContact) -> Biactive:
     """Rows and points of a solution whose status an arbitrarily small change of data can change.
 
-    A gap is compared with the largest displacement and gap, a contact force with the largest one
-    and with the force that the row's elastic stiffness answers that distance with.
+    A gap is compared with the largest displacement and gap; a contact force with the largest one
+    and with the force by which the row's elastic stiffness resists that distance.
     """
     state, law, discrete = contact.state, contact.law, contact.state.discrete
     rows = discrete.rows

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 INHERITED = ("initial", "parts", "back", "alpha_1", "beta", "accumulated", "start")
-"""History variables that a step passes on, named "next_initial" and so on."""
+"""History variables that a step passes to the next one, as "next_initial" and so on."""
 
 STENCIL = {
     -2: 1 / 12,
@@ -18,21 +18,24 @@ STENCIL = {
 """Weights of a central difference of fourth order, by the multiple of the step."""
 
 Block = float | np.ndarray | tuple[Callable, Callable]
-"""A factor, factors (points,), vectors (points, d) of a scalar, or a linear map and its transpose.
+"""A block of an equation: a number, factors (points,), vectors (points, d) that multiply a scalar,
+or a linear map and its transpose.
 """
 
 
 class Data(dict):
-    """Name -> change of an array of a time step, or the derivative by it; a missing one is zero.
+    """Name -> change of an array of a time step, or derivative by it; missing arrays are zero.
 
-    At the points two_mu, bulk, hardening, beta (that at the start of the step), radius (beta(g) for
-    the same g), hardened (int_0^g beta for the same g), gained (g), alpha_1, accumulated (PEEQ),
-    kinematic (k), isotropic (k_1 H sigma_y), mean (the stress) and volume of shape (points,), back,
-    initial, trial (s), p, stress and strain of shape (points, d), form (Hill's A) of shape
-    (points, d, d).  Of sub-element k of an overlay "share k", "two_mu k", "p k" and so on, and
-    parts, the p_0 of all, (points, n d).  load, springs, values, start (u_0) and u of shape
-    (nodes, N); gaps and contact of shape (n,), cap (F), coefficient (mu) and bound (b) of friction
-    (m,); shape, the motion of the vertices.
+    - Shape (points,): two_mu, bulk, hardening, beta (at the start of the step), radius (beta(g) for
+      the same g), hardened (int_0^g beta for the same g), gained (g), alpha_1, accumulated (PEEQ),
+      kinematic (k), isotropic (k_1 H sigma_y), mean (the mean stress), volume (tr eps).
+    - Shape (points, d): back, initial, trial (s), p, stress, strain; (points, d, d): form (Hill's
+    A). - Sub-element k of an overlay has "share k", "two_mu k", "p k" and so on; parts (points, n
+    d) are
+      the p_0 of all sub-elements.
+    - Shape (nodes, N): load, springs, values, start (u_0), u.
+    - Contact: gaps and contact (n,); cap (F), coefficient (mu) and bound (b) of friction (m,).
+    - shape: the motion of the vertices.
     """
 
     __array_ufunc__ = None  # so that array * data uses __rmul__
@@ -61,13 +64,13 @@ class Data(dict):
 
 
 class Tape(list):
-    """Equations (name, of, block): the array ``name`` gains block times the array ``of``, in order.
+    """Equations (name, of, block), in order: add block times array ``of`` to array ``name``.
 
-    The transpose is the same from the last to the first, with transposed blocks.
+    The transpose goes from the last equation to the first, with transposed blocks.
     """
 
     def forward(self, data: Data) -> Data:
-        """The data, and the arrays that follow from them."""
+        """Apply the equations: the changes of the data, and of the arrays computed from them."""
         data = Data(data)
         for name, of, block in self:
             if of in data:
@@ -75,7 +78,7 @@ class Tape(list):
         return data
 
     def backward(self, by: Data) -> Data:
-        """The derivatives by all data, from those by arrays that follow from them."""
+        """Apply the transpose: derivatives by the data, from derivatives by computed arrays."""
         by = Data(by)
         for name, of, block in reversed(self):
             if name in by:

@@ -48,7 +48,7 @@ def _contact_force(state: State) -> Slope:
 def _primal_energy(state: State) -> Slope:
     """J(u, p) of (2.14), with the sum of b |slip| where there is friction (force times length).
 
-    p is best for u, so that J depends on u and on the data.
+    p minimises J for given u, so that J depends on u and the data alone.
     """
     law = state.discrete.law
     weights = state.discrete.points.weights
@@ -75,7 +75,7 @@ def _primal_energy(state: State) -> Slope:
 
 
 def _stored(surface: YieldSurface) -> Data:
-    """The derivatives of the energy of a yield surface by its data, at the best p."""
+    """The derivatives of the energy of a yield surface by its data; p minimises the energy."""
     law, at, _ = surface
     named = surface.named
     elastic = law.stress(at)[1] / law.two_mu[:, None]
@@ -168,7 +168,10 @@ class Reaction(Declared):
     component: Component
 
     def slope(self, state: State) -> Slope:
-        """The work of all forces in a motion of the support; ValueError if it holds none."""
+        """Value and derivatives: the work of all forces in a unit motion of the support.
+
+        ValueError if the support does not hold the component.
+        """
         discrete, problem = state.discrete, state.discrete.problem
         component = require_integer("component", self.component, 0, problem.N - 1)
         (name,) = boundary_names("support", self.support, problem.mesh)
@@ -194,17 +197,17 @@ Functional = DisplacementAt | Reaction
 """A functional: an object with ``slope``, which returns its value and derivatives."""
 
 Form = Callable[..., SumOfIntegrals]
-"""(u, plastic strain, stress) or (u, plastic strain, stress, pressure) -> integrals of them.
+"""A function (u, plastic strain, stress) or (u, plastic strain, stress, pressure) -> integrals.
 
-u is the displacement, then the plastic strain p_0 + p and the stress, two tensors, and the
-``contact_pressure`` of results; integrals are such as ``InnerProduct(u, u) * ds("contact")``.
-Plastic strain and stress are the polynomials through their values at the points; they have no
-values on boundaries.
+u is the displacement, the plastic strain p_0 + p and the stress are tensors, the pressure is the
+``contact_pressure`` of results.  An example of an integral is ``InnerProduct(u, u) *
+ds("contact")``.  Plastic strain and stress are the polynomials that interpolate their values at the
+points; they have no values on boundaries.
 """
 
 
 def _of_form(form: Form, state: State) -> Slope:
-    """A form by its ``Variation``; TypeError if it does not return integrals."""
+    """Value and derivatives of a form, by ``Variation``; TypeError if it returns no integrals."""
     discrete, rows, mesh = (
         state.discrete,
         state.discrete.rows,
@@ -279,7 +282,7 @@ def as_functional(functional: object) -> Functional:
 
 
 def slope_by_mesh(functional: Functional, state: State, change: Data) -> float:
-    """The part of a functional's derivative that is due to a motion of the mesh."""
+    """The contribution of a motion of the mesh to the derivative of a functional."""
     if "shape" not in change:
         return 0.0
     found = on_moving_mesh(

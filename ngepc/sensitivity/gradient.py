@@ -1,15 +1,16 @@
-"""Derivatives of solutions: backwards through the time steps, or forwards in one direction.
+"""Derivatives of solutions: the adjoint method, or the derivative in one direction.
 
-One step is a history of one.  Backwards the derivative with respect to the history variables of a
-step, p_0, dev alpha_2, alpha_1, PEEQ and u_0, is carried to the step before.
+A single solve is a history of one step.  The adjoint method goes backwards through the steps: the
+derivatives with respect to the history variables of a step, p_0, dev alpha_2, alpha_1, PEEQ and
+u_0, are passed to the step before.
 
-Forwards the biactive rows and points choose their side: the derivative of the solution has
+In one direction, each biactive row and point is active or inactive: the derivative satisfies
 
     N u' <= gaps',  lambda' >= 0  with equality in one of them    for biactive rows,
     p' = [s' . d - beta']_+ / (2 mu_2 + h + slope of beta) d      for biactive points,
 
-and rows where friction is at its bound without slip stick or slip.  Without friction it is the
-minimiser of a strictly convex, piecewise quadratic energy.
+and rows whose friction is at its bound without slip stick or slip.  Without friction the derivative
+is the minimiser of a strictly convex, piecewise quadratic energy.
 """
 
 from __future__ import annotations
@@ -72,17 +73,15 @@ COVERS = (
 )
 """Features that derivatives cover."""
 
-EXCHANGES = 50  # largest number of exchanges of sides
-NEUTRAL = (
-    1e-9  # relative change below which either status is right, as for a body at rest
-)
+EXCHANGES = 50  # largest number of changes of the active set
+NEUTRAL = 1e-9  # smaller relative changes leave the status undetermined, as for a body at rest
 
 Solution = ExactResult | Evolution
 """Results that have derivatives."""
 
 
 class Gradient(dict[str, float]):
-    """Name of each parameter -> derivative, and whether the functional has one.
+    """Derivatives of a functional by parameter, and whether the functional is differentiable.
 
     Parameters
     ----------
@@ -93,8 +92,8 @@ class Gradient(dict[str, float]):
     biactive
         The weakly active rows and points of each time step that the functional depends on.
 
-    ``message`` tells what is biactive, step by step; ``differentiable`` is whether nothing is: if
-    False the numbers are those of one side.
+    ``differentiable`` is False if a row or point is biactive: the numbers are then derivatives from
+    one side.  ``message`` lists the biactive rows and points of each step.
     """
 
     def __init__(
@@ -132,12 +131,12 @@ def gradient(
         Names such as ["hardening", "traction"], or name -> ``Direction``.  In a history a load or
         gap changes in all steps, an initial plastic strain at the beginning.
     step
-        The time step of a history whose solution the functional is of.
+        The time step of a history at which the functional is evaluated.
 
     Returns
     -------
     Gradient
-        A dict; look at ``differentiable`` or ``message``.
+        A dict with the attributes ``differentiable`` and ``message``.
 
     Raises
     ------
@@ -173,7 +172,7 @@ def gradient(
 
 
 def states_of(result: Solution) -> list[Callable[[], State]]:
-    """For each time step a function that returns its state; states of a history are rebuilt.
+    """For each time step a function that returns its state; states of histories are restored.
 
     TypeError, ValueError for results of other solvers. SolverError if the run did not converge:
     only solutions have derivatives.
@@ -244,13 +243,14 @@ class TangentResult:
     Parameters
     ----------
     state, rows
-        The solution with the sides that biactive points (``state.at.yields``) and rows take.
+        The solution; ``state.at.yields`` and ``rows`` have the status that biactive points and rows
+        take in this direction.
     change
         Name -> change: "u" of nodal displacements (nodes, N), "contact" of the forces of contact
         and friction, "p" and "stress" of the plastic strain and the deviatoric stress at the
         points (points, d), "mean" of the mean stress (points,), and those of the data.
     biactive
-        The rows and points that chose their side, in this time step and those before.
+        The biactive rows and points of this time step and those before.
     """
 
     state: State
@@ -265,7 +265,7 @@ class TangentResult:
 
     @property
     def displacement(self) -> GridFunction:
-        """The change of u."""
+        """The change of the displacement."""
         return self.state.discrete.supports.function(
             self.change["u"], "displacement_change"
         )
@@ -296,7 +296,7 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
         A converged result of ``semismooth_newton`` without gamma, or of ``evolve``, of which the
         derivative of the last step is returned.
     parameters
-        The name of a datum, or name -> rate, or name -> (rate, Direction), then the name is free.
+        The name of a datum, or name -> rate, or any name -> (rate, Direction).
 
     Raises
     ------
@@ -305,7 +305,7 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
     SolverError
         If the result is not that of a converged run.
     TangentError
-        If the tangent is singular, or the sides of biactive rows and points were not found.
+        If the tangent is singular, or no consistent status of biactive rows and points was found.
     """
     states = (give_state() for give_state in states_of(result))
     rates = {parameters: 1.0} if isinstance(parameters, str) else parameters
@@ -314,7 +314,7 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
 
 
 def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
-    """The derivatives of the solutions of time steps, in time."""
+    """The derivatives of the solutions of all time steps, in order."""
     pairs = {
         n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()
     }
@@ -338,9 +338,9 @@ def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
 
 
 def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> TangentResult:
-    """The derivative of a solution for a change of its data, with consistent biactive sets.
+    """The derivative of a solution for a change of its data, with a consistent active set.
 
-    Newton's method for the convex energy of the change, which is quadratic for given sides.
+    An active-set method for the convex energy of the change, which is quadratic for a fixed set.
     """
     contact = LinearContact(state)
     biactive = (*before, biactive_set(contact))
@@ -363,7 +363,7 @@ def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> Tangen
 
 
 def _chosen_sides(surface: YieldSurface, change: Data) -> np.ndarray:
-    """Which points yield under the change: biactive points may change their side."""
+    """The points that yield under the change; only biactive points may change their status."""
     law, at, _ = surface
     named = surface.named
     pushed = np.einsum("pd,pd->p", at.direction, change[named("trial")])
@@ -378,10 +378,10 @@ def _chosen_sides(surface: YieldSurface, change: Data) -> np.ndarray:
 
 
 def _chosen_rows(found: TangentResult) -> LinearContact:
-    """The status of the rows under the change: biactive rows may change theirs.
+    """The status of the rows under the change; only biactive rows may change theirs.
 
-    TangentError if a row that comes into contact would slip from where it is: no derivative is
-    known then.
+    TangentError if a row with friction that comes into contact would slip: its derivative is not
+    known.
     """
     contact = found.rows
     change = found.change
@@ -399,7 +399,7 @@ def _chosen_rows(found: TangentResult) -> LinearContact:
     closed[rows] = np.where(closed[rows], normal[rows] >= least, apart[rows] < -moves)
     by_pressure = rows[
         ~contact.law.given[rows]
-    ]  # Tresca's law acts without contact, too
+    ]  # Tresca friction acts without contact as well
     slips[by_pressure] = (contact.trial > contact.bound)[by_pressure]
     over = (tangential * contact.along).sum(axis=1) - change["bound"] - mu * normal
     start = split(moved(np.zeros_like(change["u"]) + change["start"]))[1]

@@ -1,9 +1,9 @@
 """The data of a part of the material as parameters: "law.saturation", "overlay.bounds[1]".
 
-A part is the law of hardening, that of the rate, Hill's ellipsoid, or the sub-elements of an
-overlay.  A law is a formula with some data.  The derivatives of beta(g) and its integral with
-respect to these data, at the |p| of a solution, and those of Hill's form, are difference quotients
-of the formula.  No solution is differenced, and a user's law needs nothing but its formulas.
+A part is the hardening law, the rate law, Hill's ellipsoid, or the sub-elements of an overlay.  The
+derivatives of beta(g) and its integral by the data of a law, at the g of a solution, and those of
+Hill's form, are difference quotients of the law's formulas.  Solutions are not differenced, and a
+law of one's own needs nothing but its formulas.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ngepc.sensitivity.equations import STENCIL, Data
 PARTS = ("law", "rate", "hill", "overlay")
 """Fields of a material that have data of their own."""
 
-STEP = 1e-3  # of differences in a datum of a law, relative to its size
+STEP = 1e-3  # step of differences in a datum, relative to its size
 
 
 def is_of_part(name: str) -> bool:
@@ -75,7 +75,7 @@ class PartDatum:
 
 
 def follows_law(material: Material, mesh: Mesh) -> bool:
-    """Whether the yield stress of a material is that of its law, as in ``with_law``."""
+    """Whether the yield stress of a material is that of its hardening law, as in ``with_law``."""
     if material.law is None:
         return False
     at_rest = sample(as_scalar(PEEQ * material.law.stress(0.0)), mesh)
@@ -86,8 +86,8 @@ def follows_law(material: Material, mesh: Mesh) -> bool:
 def with_constants(problem: Problem, values: Mapping[str, float]) -> Problem:
     """The problem with other data of its material and of its parts, by name.
 
-    The yield stress follows the law of hardening, where it is that of the law, and the first bound
-    of an overlay.
+    The yield stress changes with the hardening law if it follows that, and with the first bound of
+    an overlay.
     """
     material = problem.material
     changes = {n: v for n, v in values.items() if not is_of_part(n)}
@@ -161,7 +161,7 @@ def _of_law(state: State) -> Callable[[object], Data]:
     resistance = state.discrete.law.resistance
 
     def data(law: object) -> Data:
-        """Those of another law."""
+        """The data by another hardening law."""
         beta = PEEQ * (law.stress(resistance.accumulated) - law.stress(0.0))
         if follows:
             beta = beta + PEEQ * law.stress(0.0) * hardened
@@ -182,7 +182,7 @@ def _of_hill(state: State) -> Callable[[object], Data]:
     basis = points.kinematics.basis
 
     def at_points(value: object) -> np.ndarray:
-        """A datum at the points, where it is not yet."""
+        """Values of a datum at the points."""
         return value if isinstance(value, np.ndarray) else points.at(value)
 
     return lambda hill: Data(form=hill.form(basis, at_points))
@@ -195,7 +195,7 @@ _FORMULAS = {"law": _of_law, "rate": _of_rate, "hill": _of_hill}
 def _overlay_changes(
     state: State, name: str, datum: PartDatum, changes: list[object]
 ) -> Data:
-    """The changes of shares and of bounds w_k k_k; what never yields loses what others gain."""
+    """The changes of shares and of bounds w_k k_k; the sum of all shares stays one."""
     overlay = state.discrete.problem.material.overlay
     points = state.discrete.points
     places = range(len(changes)) if datum.entry is None else [datum.entry]

@@ -5,7 +5,7 @@ a step is smallest for
 
     M/2 |p|^2 - s : p + int_0^g beta,    g the measure of p, n = dg/dp,
 
-so that changes obey, where s yields and with the derivative T of p by s,
+so that changes satisfy, where s yields, with the derivative T of p by s,
 
     p' = T (s' - M' p - beta(g)' n),       beta(g)' that at the same g,
     s' = (2 mu_2)' (e - p_0) + 2 mu_2 (e' - p_0') - dev alpha_2',
@@ -15,9 +15,9 @@ Hill's form A changes the measure, g^2 = p : A^-1 p, and with it
 
     g' = - g/2 n : A' n,    n' = - A^-1 A' n + 1/2 (n : A' n) n       for the same p.
 
-The sub-elements of an overlay obey the same equations, each with its share of 2 mu_2 and with p_0
-of its own; p and tau are sums over them.  Where a component z of the strain is free, its change is
-what leaves it without stress.  A step leaves
+The sub-elements of an overlay satisfy the same equations, each with its share of 2 mu_2 and its own
+p_0; p and tau are sums over them.  If a component z of the strain is free, its change is the one
+that keeps the conjugate stress zero.  A step passes
 
     p_0 + p,   dev alpha_2 + k p,   alpha_1 + k_1 H sigma_y g,   PEEQ   and, with friction, u_0 = u
 
@@ -39,18 +39,18 @@ from ngepc.model.material import PEEQ
 from ngepc.sensitivity.equations import Block, Tape
 
 Equation = tuple[str, str, Block]
-"""The array that gains, the array that it follows, and the block between them."""
+"""(name, of, block): block times the array ``of`` is added to the array ``name``."""
 
 
 class YieldSurface(NamedTuple):
-    """A sub-element of the law, or the whole law where it has none, and its return."""
+    """A sub-element of the law, or the law itself if it has none, and its returned stress."""
 
     law: Law
     at: Return
     number: int | None
 
     def named(self, name: str) -> str:
-        """The name of its own array."""
+        """The name of the surface's own array, such as "p 2" for sub-element 2."""
         return name if self.number is None else f"{name} {self.number}"
 
 
@@ -148,7 +148,7 @@ def _of_form(surface: YieldSurface) -> list[Equation]:
 
 
 def _shared(state: State, surface: YieldSurface) -> list[Equation]:
-    """What a sub-element has of the data of the point."""
+    """The data of a sub-element from those of the point."""
     if surface.number is None:
         return []
     law = state.discrete.law
@@ -161,26 +161,26 @@ def _shared(state: State, surface: YieldSurface) -> list[Equation]:
 
 
 def _side_by_side(state: State, surface: YieldSurface) -> tuple[Callable, Callable]:
-    """From a plastic strain of a sub-element to those of all, side by side, and back."""
+    """The map from the plastic strain of a sub-element to those of all, and its transpose."""
     law = state.discrete.law
     d = law.back.shape[1]
     own = np.s_[:, surface.number * d : (surface.number + 1) * d]
 
     def put(p: np.ndarray) -> np.ndarray:
-        """All of them, the others zero."""
+        """The plastic strains of all sub-elements, zero except this one."""
         parts = np.zeros((len(p), len(law.parts) * d))
         parts[own] = p
         return parts
 
     def taken(parts: np.ndarray) -> np.ndarray:
-        """That of the sub-element."""
+        """The plastic strain of this sub-element."""
         return parts[own]
 
     return put, taken
 
 
 def _summed(state: State, surface: YieldSurface) -> list[Equation]:
-    """The part of a sub-element in the plastic strain and the stress of the point."""
+    """The contribution of a sub-element to the plastic strain and the stress of the point."""
     if surface.number is None:
         return []
     named = surface.named

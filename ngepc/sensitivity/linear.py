@@ -6,8 +6,8 @@ With z and w from the transposed system for F_u and F_x, a functional F changes 
 
     dF/dm = F_m - z . r_m + w . given_m,
 
-one solve for any number of parameters.  Prescribed values of held components change r by strains,
-springs and rows, F by what it has of u there.
+one solve for any number of parameters.  Prescribed values of held components change r through
+strains, springs and rows, and F through its dependence on u at these components.
 """
 
 from __future__ import annotations
@@ -24,31 +24,28 @@ from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.equations import Data, Tape
 from ngepc.sensitivity.law_equations import equations_of_law
 
-PENALTY = 1e6  # stiffness of a row's spring over that of its vertex; a refinement gains this factor
-REFINEMENTS = 12  # largest number of corrections of a solution
-ACCURATE = 1e-13
-ACCEPTED = 1e-9  # relative residuals that end corrections, and that are refused
-INNER = 1e-8
-MOST = 200
-ROUNDS = 5  # GMRES: residual, iterations before a restart, restarts
+PENALTY = 1e6  # spring over the stiffness of the vertex; each refinement reduces the error by this
+factor REFINEMENTS = 12  # largest number of corrections of a solution ACCURATE = 1e-13 ACCEPTED =
+1e-9  # relative residual at which corrections end, and largest one that is accepted INNER = 1e-8
+MOST = 200 ROUNDS = 5  # GMRES: residual, iterations before a restart, restarts
 
 
 class TangentError(FactorisationError):
-    """A derivative that does not exist, or that no status of biactive rows and points gives."""
+    """Raised if a derivative does not exist, or no consistent status of biactive rows is found."""
 
 
 class LinearStep:
     """The system at a state, factorised once; K is the derivative of the stress there.
 
     Rows that belong to one vertex enter the matrix as springs k L G, L = (Id - G + G / PENALTY)^-1,
-    in which G is without the part of friction that follows the normal force:
+    where G lacks the part of friction that follows the normal force:
 
         u = (K + R' k L G R)^-1 (force - R' L given),    x = L (given + k G R u)
 
-    misses the solution by 1 / PENALTY only.  Where there is no such part and all rows are such, it
-    is repeated with what is left; otherwise it is the preconditioner of GMRES.
+    has a relative error of 1 / PENALTY.  It is used for iterative refinement if all rows belong to
+    one vertex and no friction follows the normal force, otherwise as preconditioner of GMRES.
 
-    By default contact has the sides of the solution.  FactorisationError if there are no factors.
+    By default the rows have the status of the solution.  FactorisationError if K has no factors.
     """
 
     def __init__(self, state: State, contact: LinearContact | None = None) -> None:
@@ -102,7 +99,7 @@ class LinearStep:
         )
 
     def forward(self, data: Data) -> Data:
-        """The changes of the solution for changes of the data, and these."""
+        """Changes of the solution, added to the changes ``data`` of the data."""
         known = self.tape.forward(self.with_supports(data))
         force = known["load"] - known["springs"]
         force = force - self.discrete.points.forces(known["mean"], known["stress"])
@@ -111,7 +108,7 @@ class LinearStep:
         return self.tape.forward(data + self._strain(u) + Data(u=u, contact=x))
 
     def with_supports(self, data: Data) -> Data:
-        """Data with the strains and spring forces due to the motion of the supports alone."""
+        """``data`` with the strains and spring forces that the motion of the supports causes."""
         u = np.zeros_like(self.state.u) + data["values"]
         return (
             data + self._strain(u) + Data(u=u, springs=self.discrete.supports.pull(u))
@@ -120,7 +117,7 @@ class LinearStep:
     def reverse(self, by: Data) -> Data:
         """The derivative of a functional by all data, from that by the solution and the data.
 
-        If supports move, it must be paired with data ``with_supports``.
+        If supports move, pair the result with data ``with_supports``.
         """
         discrete, weights = self.discrete, self.discrete.points.weights
         direct = self.tape.backward(by)
@@ -179,7 +176,8 @@ class LinearStep:
             relative = np.linalg.norm(left) / size
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
-            sure = relative**2 / before <= ACCURATE  # it gains as much as the last one
+            sure = relative**2 / before <= ACCURATE  # the next correction would gain as much as the
+            last one
         if size > 0 and not (sure or relative <= ACCEPTED):
             raise TangentError(
                 f"the derivative system is singular: residual {relative:.2g} left"

@@ -1,9 +1,9 @@
 """Parameters of derivatives: directions in which the data of a problem change.
 
-Where the shape changes, the mesh moves with a field V.  With nodal displacements and forces of the
-rows kept, everything else of the discrete problem is an explicit function of the vertices x + t V.
-It is built for a few small t, and differences of fourth order give the change of its data: no
-solution is differenced.
+For changes of shape the mesh moves with a field V.  For fixed nodal displacements and contact
+forces the discrete problem is an explicit function of the vertices x + t V.  It is assembled for a
+few small t, and differences of fourth order give the change of its data: solutions are not
+differenced.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from ngepc.sensitivity.law_data import PARTS, is_of_part, part_changes
 
 MATERIAL = tuple(field.name for field in fields(Material) if field.name not in PARTS)
 OF_OVERLAY = ("lame_lambda", "lame_mu")
-"""Data of a material with sub-elements beside those of ``Overlay``."""
+"""Data of a material with sub-elements, in addition to those of ``Overlay``."""
 
 LOADS = ("traction", "pressure", "body_force")
 BY_BOUNDARY = (
@@ -78,18 +78,18 @@ class Direction(Declared):
         "prescribed", "friction" (the bound, or Coulomb's coefficient), "initial_plastic_strain",
         "initial_strain".  "law.saturation" is the datum ``saturation`` of the law of hardening,
         "law.stress_there[1]" one value of a table; "rate.overstress", "hill.N",
-        "overlay.bounds[0]" are those of the other parts of a material.  A yield stress of the
-        material that is that of the law, as ``Material.with_law`` has it, changes with the law.
-        If the share of a sub-element grows, that of what never yields falls.
-        After a colon one boundary: "traction:left", "prescribed:top".  A clamped boundary is a
-        prescribed one here.  "shape" moves the vertices by ``change``, a vector, while nobody else
-        uses the mesh.
+        "overlay.bounds[0]" are those of the other parts of a material.  If the yield stress of the
+        material is that of its law, as in ``Material.with_law``, it changes with the law.  If the
+        share of a sub-element grows, the elastic share decreases.
+        A boundary may follow a colon: "traction:left", "prescribed:top".  A clamped boundary counts
+        as a prescribed one.  "shape" moves the vertices by ``change``, a vector; the mesh must not
+        be used elsewhere meanwhile.
     change
-        What is added to the datum per unit, of the form that ``Problem`` or ``Material`` takes it:
-        ``mesh.MaterialCF({"core": 1.0})`` for the constant of one region.  None for the natural
-        one: 1 for a datum of the material, the law, friction or an initial strain that is a
-        number, and for a gap, which moves as a whole; the datum itself for all others, so that the
-        derivative is with respect to a factor.
+        What is added to the datum per unit, in the form that ``Problem`` or ``Material`` takes:
+        ``mesh.MaterialCF({"core": 1.0})`` for the constant of one region.  None for the default:
+        1 for numbers of the material, the law, friction or an initial strain, and for a gap, which
+        moves as a whole; the datum itself for all others, so that the derivative is with respect to
+        a factor.
     """
 
     datum: Text
@@ -102,7 +102,7 @@ class Direction(Declared):
 
 
 Parameters = str | Sequence[str] | Mapping[str, Direction]
-"""Names of data with their natural change, or name of the answer -> ``Direction``."""
+"""Names of data with their default change, or any name -> ``Direction``."""
 
 
 def directions(parameters: Parameters) -> dict[str, Direction]:
@@ -183,7 +183,7 @@ def changed_data(state: State, direction: Direction) -> Data:
 
 
 def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
-    """A datum and its change, by single boundary where it has some; the natural one for None."""
+    """A datum and its change, by single boundary if it has boundaries; the default for None."""
     datum, _, boundary = direction.datum.partition(":")
     change = direction.change
     given = getattr(problem.material if datum in MATERIAL else problem, datum, None)
@@ -219,7 +219,7 @@ def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
 
 
 def _initial_strain(state: State, change: Coefficient) -> Data:
-    """The change of p_0, and of those of the sub-elements that start with it."""
+    """The change of p_0, and of the initial plastic strains of sub-elements."""
     discrete = state.discrete
     problem = discrete.problem
     initial = discrete.points.at(problem.kinematics.coordinates(change))
@@ -231,7 +231,7 @@ def _initial_strain(state: State, change: Coefficient) -> Data:
 
 
 def _material(state: State, datum: str, change: Coefficient) -> Data:
-    """By a complex step in the formulas of the material, exact to rounding."""
+    """The change of the law's data, by a complex step in the material, exact to rounding."""
     problem = state.discrete.problem
     if problem.material.overlay is not None and datum not in OF_OVERLAY:
         legal = ", ".join([*OF_OVERLAY, "overlay.bounds[k]", "overlay.shares[k]"])
@@ -294,7 +294,7 @@ def on_moving_mesh(
 
 
 def geometry(old: State, state: State) -> Data:
-    """Data on a moved mesh, and the strains, forces and gaps of the same displacements."""
+    """Data on a moved mesh, with strains, forces and gaps for the same nodal displacements."""
     discrete, law, points = state.discrete, state.discrete.law, state.discrete.points
     contact, cone, material = (
         discrete.contact,

@@ -22,23 +22,23 @@ FACTORS = ("traction", "pressure", "body_force", "prescribed")
 
 
 class Response:
-    """A function of parameters, theta (n,), to the number and its derivatives (n,).
+    """The function theta (n,) -> a functional of the solution and its derivatives (n,).
 
-    ``scipy.optimize.minimize(response, response.start, jac=True)`` takes it as it is.  Each call
-    solves the problem, from the solution of the call before.
+    ``scipy.optimize.minimize(response, response.start, jac=True)`` accepts it.  Each call solves
+    the problem, starting from the solution of the last call.
 
     Parameters
     ----------
     problem
-        The problem where ``start`` is.
+        The problem; its parameters are ``start``.
     functional
-        What the number is, as of ``gradient``: "contact_force", ``Reaction(...)``, ...
+        As for ``gradient``: "contact_force", ``Reaction(...)``, ...
     parameters
-        What theta is: names of numbers of the material, "yield_stress" for example; "gap", by
-        how much the obstacles are moved away; "traction", "pressure", "body_force" or
-        "prescribed", factors of what the problem is given.
+        The components of theta: names of numbers of the material, such as "yield_stress"; "gap",
+        the distance by which the obstacles are moved away; "traction", "pressure", "body_force" or
+        "prescribed", factors of the given values.
 
-    ``last`` is the last solution, ``start`` are the parameters of the problem as it is.
+    ``last`` is the last solution; ``start`` (n,) are the parameters of the given problem.
 
     Raises
     ------
@@ -93,7 +93,7 @@ class Response:
 
     @property
     def _directions(self) -> dict[str, Direction]:
-        """What each parameter changes per unit."""
+        """The direction of each parameter."""
         return {
             name: Direction(name, getattr(self.problem, name))
             if name in FACTORS
@@ -102,7 +102,7 @@ class Response:
         }
 
     def _given(self, name: str) -> float:
-        """The parameter of the problem as it is; ValueError if it has none."""
+        """The value of a parameter in the given problem; ValueError if the problem has none."""
         problem = self.problem
         if name in (*FACTORS, "gap"):
             if getattr(problem, name) is not None:
@@ -119,7 +119,7 @@ class Response:
 
 
 def moved(gap: object, distance: float) -> object:
-    """Gaps, one or by boundary, wider by a distance."""
+    """A gap, or gaps by boundary, increased by a distance."""
     if isinstance(gap, Mapping):
         return {name: moved(one, distance) for name, one in gap.items()}
     return gap + distance
