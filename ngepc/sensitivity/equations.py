@@ -29,10 +29,10 @@ class Data(dict):
     - Shape (points,): two_mu, bulk, hardening, beta (at the start of the step), radius (beta(g) for
       the same g), hardened (int_0^g beta for the same g), gained (g), alpha_1, accumulated (PEEQ),
       kinematic (k), isotropic (k_1 H sigma_y), mean (the mean stress), volume (tr eps).
-    - Shape (points, d): back, initial, trial (s), p, stress, strain; (points, d, d): form (Hill's
-    A). - Sub-element k of an overlay has "share k", "two_mu k", "p k" and so on; parts (points, n
-    d) are
-      the p_0 of all sub-elements.
+    - Shape (points, d): back, initial, trial (s), p, stress, strain.
+    - Shape (points, d, d): form (Hill's A).
+    - Sub-element k of an overlay has "share k", "two_mu k", "p k" and so on; parts (points, n d)
+      are the p_0 of all sub-elements.
     - Shape (nodes, N): load, springs, values, start (u_0), u.
     - Contact: gaps and contact (n,); cap (F), coefficient (mu) and bound (b) of friction (m,).
     - shape: the motion of the vertices.
