@@ -24,10 +24,13 @@ from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.equations import Data, Tape
 from ngepc.sensitivity.law_equations import equations_of_law
 
-PENALTY = 1e6  # spring over the stiffness of the vertex; each refinement reduces the error by this
-factor REFINEMENTS = 12  # largest number of corrections of a solution ACCURATE = 1e-13 ACCEPTED =
-1e-9  # relative residual at which corrections end, and largest one that is accepted INNER = 1e-8
-MOST = 200 ROUNDS = 5  # GMRES: residual, iterations before a restart, restarts
+PENALTY = 1e6  # spring over the stiffness of the vertex; a correction gains this factor
+REFINEMENTS = 12  # largest number of corrections of a solution
+ACCURATE = 1e-13  # relative residual at which corrections end
+ACCEPTED = 1e-9  # largest relative residual that is accepted
+INNER = 1e-8
+MOST = 200
+ROUNDS = 5  # GMRES: residual, iterations before a restart, restarts
 
 
 class TangentError(FactorisationError):
@@ -176,8 +179,8 @@ class LinearStep:
             relative = np.linalg.norm(left) / size
             if relative <= ACCURATE or relative > 0.5 * before:
                 break
-            sure = relative**2 / before <= ACCURATE  # the next correction would gain as much as the
-            last one
+            # the next correction reduces the residual by at least the same factor
+            sure = relative**2 / before <= ACCURATE
         if size > 0 and not (sure or relative <= ACCEPTED):
             raise TangentError(
                 f"the derivative system is singular: residual {relative:.2g} left"
