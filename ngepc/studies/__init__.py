@@ -1,1 +1,1 @@
-"""Studies: objects that measure, store and write tables, figures and counts."""
+"""Studies: classes that run computations, store their records, and write tables and figures."""

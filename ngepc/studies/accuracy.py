@@ -1,11 +1,11 @@
 """Time to a given accuracy of a number, by default options, compared with CalculiX.
 
-Each problem has one number: a limit load, a force, a deflection.  Each program solves it on finer
-and finer meshes; the table has the processor time (one thread) at which the error of the number
-falls to 5 and to 1 percent, between meshes by the line through their points in logarithms.  ngepc
-runs with all its defaults.  CalculiX has the elements that its manual recommends, one
-increment of its own choice, isotropic hardening.  Times of ngepc start where the mesh is there,
-those of CalculiX are the whole run of ``ccx``.
+Each problem has one number of interest: a limit load, a force, a deflection.  Each program solves
+it on a sequence of meshes.  The table has the processor time (one thread) at which the error of the
+number falls to 5 and to 1 percent, interpolated between meshes in logarithms.  ngepc runs with all
+its defaults.  CalculiX has the elements that its manual recommends, increments of its own choice,
+and isotropic hardening.  Times of ngepc do not include the generation of the mesh; those of
+CalculiX are the whole run of ``ccx``.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from ngepc.studies.solid_problems import metal
 from ngepc.studies.work import OverMeshes
 
 SMALL = 1e-5
-"""Hardening over shear modulus in place of zero."""
+"""Hardening over shear modulus, used instead of zero."""
 
 Number = Callable[[Result], float]
 
 
 @dataclass(frozen=True)
 class Metal:
-    """Uniaxial data for both programs, isotropic hardening."""
+    """Uniaxial data of a metal with isotropic hardening, for both programs."""
 
     young: float
     poisson: float
@@ -53,7 +53,7 @@ class Metal:
 
     @property
     def material(self) -> object:
-        """For ngepc."""
+        """The material of ngepc."""
         data = self.young, self.poisson, self.yield_stress
         return metal(*data, isotropic=self.modulus)
 
@@ -85,28 +85,29 @@ class Rigid:
 
     @property
     def gap(self) -> CoefficientFunction:
-        """The distance along the vertical, for ngepc."""
+        """The vertical gap, for ngepc."""
         away = x - self.axis
         square = away * away if self.axis else x * x + y * y
         return self.radius - sqrt(self.radius**2 - square) - self.depth
 
     def height(self, square: np.ndarray) -> np.ndarray:
-        """The surface before it moves, at squared distances from the axis."""
+        """Height of the undeformed surface at squared distances from the axis."""
         return self.top + self.radius - np.sqrt(self.radius**2 - square)
 
 
 SPHERICAL = Rigid(10.0, 3e-3, 0.0, 1.0, (-0.015, 0.36), 0.36, 24)
 PUNCH = Rigid(25.0, 0.2, 30.0, 40.0, (19.5, 40.5), 41.0, 160)
-"""Of the block, and of the first lecture."""
+"""The metals of the block and of the first lecture."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A problem with one number, on a family of meshes.
+    """A problem with one number of interest, on a family of meshes.
 
-    ``mesh(level, simplices)`` makes them; ``loads`` are fields of ``Problem``; ``printed`` is what
-    CalculiX is asked for: ("force", boundary, component, factor) or ("displacement", point,
-    component, factor); ``levels`` are numbers of meshes of simplices, and of the other shape.
+    ``mesh(level, simplices)`` generates a mesh; ``loads`` are fields of ``Problem``; ``printed`` is
+    the number that CalculiX prints: ("force", boundary, component, factor) or ("displacement",
+    point, component, factor); ``levels`` are the numbers of meshes of simplices, and of
+    quadrilaterals or hexahedra.
     """
 
     mesh: Callable[[int, bool], Mesh]
@@ -119,7 +120,7 @@ class Case:
     rigid: Rigid | None = None
 
     def problem(self, level: int, simplices: bool = True) -> Problem:
-        """The problem for ngepc, all defaults."""
+        """The problem of ngepc, with all defaults."""
         mesh = self.mesh(level, simplices)
         return Problem(mesh, self.metal.material, **self.loads)
 
@@ -172,7 +173,7 @@ def quarter_block(level: int, simplices: bool) -> Mesh:
     n = 2 * (level + 1)
 
     def graded(s: float) -> float:
-        """A coordinate with elements that are smaller near zero."""
+        """A coordinate that grades the mesh towards zero."""
         return s * (0.35 + 0.65 * s)
 
     return MakeStructured3DMesh(
@@ -299,7 +300,7 @@ BRICKS = ", bricks"
 
 
 def deck_of(case: Case, mesh: Mesh) -> Deck:
-    """The problem of a case as a deck of quadratic elements."""
+    """A case as an input file of CalculiX with quadratic elements."""
     body = QuadraticMesh(mesh)
     plane = mesh.dim == 2
     deck = Deck()
@@ -328,7 +329,7 @@ def deck_of(case: Case, mesh: Mesh) -> Deck:
 
 
 def held_lines(case: Case, body: QuadraticMesh, deck: Deck) -> list[tuple[str, float]]:
-    """Lines of *BOUNDARY with their values; node sets are added to the deck."""
+    """Lines of *BOUNDARY with prescribed values; adds the node sets to the deck."""
     held = dict(case.loads.get("prescribed") or {})
     clamped = case.loads["clamped"]
     if clamped:
@@ -358,10 +359,10 @@ def traction_lines(case: Case, body: QuadraticMesh) -> list[str]:
 
 
 def rigid_layer(case: Case, body: QuadraticMesh, deck: Deck) -> list[str]:
-    """A layer of stiff elements in the form of the rigid surface, and contact with it.
+    """Add a layer of stiff elements with the shape of the rigid surface, and contact with it.
 
-    Returns lines of *BOUNDARY, the last one that of the step.  The stiffness of contact is 50 times
-    Young's modulus, the smallest at which the force no longer changes by a percent.
+    Returns lines of *BOUNDARY; the last one is that of the step.  The contact stiffness is 50 times
+    Young's modulus: larger ones change the force by less than a percent.
     """
     rigid = case.rigid
     plane = body.points.shape[1] == 2
@@ -394,7 +395,7 @@ def rigid_layer(case: Case, body: QuadraticMesh, deck: Deck) -> list[str]:
 
 
 def curve_of(rigid: Rigid) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a disc, and the two ends of each piece of its surface."""
+    """Points of a disc, and the two ends of each segment of its outline."""
     s = np.linspace(*rigid.span, rigid.cells + 1)
     points = np.column_stack([s, rigid.height((s - rigid.axis) ** 2)])
     number = np.arange(rigid.cells)
@@ -402,7 +403,7 @@ def curve_of(rigid: Rigid) -> tuple[np.ndarray, np.ndarray]:
 
 
 def surface_of(rigid: Rigid) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a sphere, and the four corners of each piece of its surface."""
+    """Points of a sphere, and the four corners of each face of its surface."""
     s = np.linspace(*rigid.span, rigid.cells + 1)
     X, Y = np.meshgrid(s, s, indexing="ij")
     points = np.stack([X, Y, rigid.height(X**2 + Y**2)], axis=-1).reshape(-1, 3)
@@ -418,7 +419,7 @@ def within_reach(rigid: Rigid, body: QuadraticMesh, element: int, face: int) -> 
 
 
 def printed(case: Case, body: QuadraticMesh, deck: Deck) -> None:
-    """The lines of a deck that print the number of a case."""
+    """Lines of an input file that print the number of a case."""
     kind, where, _, _ = case.printed
     if kind == "force":
         deck.node_set("ASKED", body.nodes_on(where))
@@ -441,7 +442,7 @@ def choice(program: str, problem: Problem) -> tuple[Problem, NewtonOptions]:
 
 
 def by_ngepc(case: Case, program: str, level: int) -> dict:
-    """The number of a case by ngepc, and its cost, without the mesh."""
+    """The number of a case by ngepc, and the cost without mesh generation."""
     mesh = case.mesh(level, not program.endswith(BRICKS))
     begin = time.process_time()
     problem = Problem(mesh, case.metal.material, **case.loads)
@@ -474,7 +475,7 @@ def by_calculix(case: Case, bricks: bool, level: int) -> dict:
 
 
 def time_to(errors: Sequence[float], times: Sequence[float], wanted: float) -> float:
-    """The time at which the error falls to ``wanted`` and stays there; inf if it does not."""
+    """The time from which on the error is at most ``wanted``; inf if there is none."""
     good = [error <= wanted for error in errors]
     first = len(good)
     while first > 0 and good[first - 1]:
@@ -490,7 +491,7 @@ def time_to(errors: Sequence[float], times: Sequence[float], wanted: float) -> f
 
 @dataclass(eq=False)
 class Accuracy(OverMeshes):
-    """All cases by all programs on ``levels`` meshes at most; every run measures anew."""
+    """All cases by all programs on at most ``levels`` meshes; each run measures again."""
 
     name = "accuracy"
     title = "Time to 5 and to 1 percent of the number that a user wants"
@@ -567,7 +568,7 @@ class Accuracy(OverMeshes):
 
 @cache
 def reference(case: str) -> float:
-    """The closed form, or the number of order 2 on one more mesh."""
+    """The closed form, or the number of order 2 on one finer mesh."""
     data = CASES[case]
     if data.reference is not None:
         return data.reference

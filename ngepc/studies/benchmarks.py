@@ -25,9 +25,9 @@ from ngepc.studies.work import Work, chosen
 class Benchmark:
     """A problem that ``solve`` solves, and the source of its numbers.
 
-    The second paragraph of its docstring stands below the table.  The picture shows a field, by
-    default of the whole body, or, where ``field`` is empty, the numbers: ``view`` is its half width
-    about the origin (length) and the top of its colours.
+    The second paragraph of the docstring of ``solve`` is printed below the table.  The picture
+    shows ``field``, or the numbers if ``field`` is empty.  ``view`` restricts it: half width about
+    the origin (length), and upper end of the colour scale.
     """
 
     solve: Callable[[], Solved]
@@ -37,7 +37,7 @@ class Benchmark:
 
     @property
     def remark(self) -> str:
-        """A remark on our numbers."""
+        """The remark below the table; may be empty."""
         solve = getattr(self.solve, "func", self.solve)
         return " ".join((inspect.getdoc(solve) or "").partition("\n\n")[2].split())
 
@@ -105,7 +105,7 @@ class Benchmarks(Work):
             renderer()
 
     def cells(self) -> list[dict]:
-        """One for each problem, with the file of its picture if there is one."""
+        """One cell for each problem, with the file of its picture if there is one."""
         cells = [{"problem": name} for name in self.rows]
         for cell in cells if self.figures else ():
             name = "".join(c if c.isalnum() else "_" for c in cell["problem"].lower())
@@ -153,7 +153,7 @@ class Benchmarks(Work):
 
 @styled
 def picture(result: Result, benchmark: Benchmark) -> Figure:
-    """A field on the body, or a part of it; solids onto the planes of symmetry of a quarter."""
+    """A field on the body, or on a part of a plane body."""
     if benchmark.view is None:
         return plot_field(result, benchmark.field, view=(-135, 25))
     half, top = benchmark.view
@@ -168,7 +168,7 @@ def picture(result: Result, benchmark: Benchmark) -> Figure:
 
 @styled
 def drawn_numbers(quantities: Sequence[Quantity]) -> Figure:
-    """Our numbers and the references, by name."""
+    """A picture of our numbers and the references."""
     figure = Picture(figsize=(4.8, 4.0))
     axes = figure.subplots()
     names = [q.name for q in quantities]

@@ -43,14 +43,14 @@ LIMITS = {
 }
 """The least energies.
 
-``solve_to`` with order two on 11,570 and 11,356 nodes leaves -0.37524852 to -0.37524840 and
--0.0023607021 to -0.0023606895; in space on 14,305, 14,926, 13,279 and 6925 nodes -1.7862e-4 to
--1.7755e-4, 0.2432 to 0.2470, -0.006730 to -0.006506 and 0.0577 to 0.0615.  Within that the energies
-of the last two meshes are extrapolated, in proportion to their bounds.
+``solve_to`` with order two on 11,570 and 11,356 nodes gives the intervals -0.37524852 to
+-0.37524840 and -0.0023607021 to -0.0023606895; in space on 14,305, 14,926, 13,279 and 6925 nodes
+-1.7862e-4 to -1.7755e-4, 0.2432 to 0.2470, -0.006730 to -0.006506 and 0.0577 to 0.0615.  Within
+these intervals the energies of the last two meshes are extrapolated, in proportion to their bounds.
 """
 
 KINDS = ("uniform", "adaptive", "order 2", "order 2 adaptive")
-"""Of rows, each with its colour: meshes that are halved or follow the bound, order one or two."""
+"""Kinds of runs: uniform and adaptive meshes, displacements of order one and two."""
 TARGETS = {
     ("lshape", "adaptive"): 3.71e-4,
     ("wrench", "adaptive"): 2.28e-5,
@@ -58,14 +58,15 @@ TARGETS = {
     ("lshape", "order 2 adaptive"): 1e-6,
     ("wrench", "order 2 adaptive"): 5e-8,
 }
-"""Errors where adaptive runs end: of order one in the plane those on the finest uniform meshes."""
+"""Relative errors at which adaptive runs end; for order one in the plane those of the finest
+uniform meshes."""
 STARTS = {"lshape": (225, 0.1366), "wrench": (245, 0.0026), "sphere": (55, 0.238)}
-"""Nodes where they begin, and the strain energy: parts of it below TARGETS are asked for."""
+"""Nodes of the first mesh of adaptive runs, and the strain energy."""
 ASYMPTOTIC = 400
-"""Nodes from which rates are measured."""
+"""Rates are measured on meshes with at least so many nodes."""
 COARSEST = {"lshape": 33, "wrench": 75}
 PICTURED = (0.2, 0.1, 0.04, 0.015)
-"""Nodes of the meshes where the runs begin that are drawn, and their relative errors."""
+"""Nodes of the first meshes of the runs that are drawn, and tolerances of the drawn meshes."""
 
 
 def bounded_example(body: str, kind: str, nodes: int) -> Problem:
@@ -92,7 +93,7 @@ class Bounds(OverMeshes):
         | CPU s = {cpu_s:.2f} | bound, CPU s = {apart}"""
 
     def cells(self) -> list[dict]:
-        """Families of meshes, in space three at most, and adaptive runs from a coarse one."""
+        """Families of uniform meshes, at most three in three dimensions, and adaptive runs."""
         plane = [
             (body, n) for body, f in FAMILIES.items() for n in first_of(f, self.levels)
         ]
@@ -107,7 +108,7 @@ class Bounds(OverMeshes):
         ]
 
     def solve(self, body: str, kind: str, nodes: int) -> list[dict]:
-        """One mesh, or a record for each of an adaptive run, steps and time from the first one."""
+        """The record of a uniform mesh, or those of all meshes of an adaptive run."""
         problem = bounded_example(body, kind, nodes)
         begin = time.process_time()
         run = []
@@ -164,7 +165,7 @@ class Bounds(OverMeshes):
         ]
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
-        """Rates, and meshes that follow the bound."""
+        """Draw rates, and meshes of adaptive runs."""
         drawn = {"rates": draw_rates(records)}
         drawn |= {f"{name}_meshes": draw_meshes(name) for name in COARSEST}
         return [
@@ -174,7 +175,7 @@ class Bounds(OverMeshes):
 
 
 def curves_of(records: Sequence[dict]) -> dict[str, np.ndarray]:
-    """Rows nodes, error and bound for each family of meshes."""
+    """Arrays of nodes, errors and bounds for each family of meshes."""
     curves: dict[str, list] = {}
     for r in records:
         curves.setdefault(r["example"], []).append([r["nodes"], r["error"], r["bound"]])
@@ -211,7 +212,7 @@ def draw_rates(records: Sequence[dict]) -> Picture:
 
 @styled
 def draw_meshes(name: str) -> Picture:
-    """Meshes that follow the bound, coarse to fine."""
+    """Meshes of an adaptive run, from coarse to fine."""
     figure = Picture(
         figsize=(8.0, 7.2 if name == "lshape" else 3.8), layout="constrained"
     )

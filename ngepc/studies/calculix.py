@@ -28,7 +28,7 @@ CORNER_EDGES = {
         *((0, 4), (1, 5), (2, 6), (3, 7)),
     ),
 }
-"""Corners of the edges in the order in which CalculiX wants the nodes in the middle."""
+"""Corners of the edges, in CalculiX's order of midpoint nodes."""
 
 FACES = {
     ET.TRIG: CORNER_EDGES[ET.TRIG],
@@ -42,18 +42,18 @@ FACES = {
 """Corners of the faces S1, S2, ... of elements."""
 
 KINDS = {ET.TRIG: "CPE6", ET.QUAD: "CPE8R", ET.TET: "C3D10", ET.HEX: "C3D20R"}
-"""The quadratic elements that its manual recommends for plasticity."""
+"""The quadratic elements that CalculiX's manual recommends for plasticity."""
 
-ROW = 12  # entries on a line, at most 16 are allowed
+ROW = 12  # numbers on a line; CalculiX allows 16
 
 
 def available() -> bool:
-    """Whether there is a program ``ccx``."""
+    """Whether the program ``ccx`` is installed."""
     return shutil.which("ccx") is not None
 
 
 class QuadraticMesh:
-    """Nodes and elements of one shape with nodes in the middle of straight edges.
+    """Quadratic elements of one shape, with nodes at the midpoints of straight edges.
 
     ``points`` (nodes, N) has the vertices of the mesh first; ``elements`` are numbers of nodes.
     """
@@ -85,7 +85,7 @@ class QuadraticMesh:
         return np.array(sorted(found - {-1}))
 
     def middle(self, a: int, b: int) -> int:
-        """The node between two vertices a < b, -1 if they are not the ends of an edge."""
+        """The midpoint node of the edge from a to b, a < b; -1 if there is no such edge."""
         key = self._pairs[:, 0] * self._vertices + self._pairs[:, 1]
         wanted = a * self._vertices + b
         at = int(np.searchsorted(key, wanted))
@@ -117,7 +117,7 @@ class QuadraticMesh:
 
 
 def oriented(points: np.ndarray, corners: np.ndarray, shape: ET) -> np.ndarray:
-    """The corners of elements such that Jacobian determinants are positive."""
+    """The corners of elements, ordered such that Jacobian determinants are positive."""
     beside = {ET.TRIG: [1, 2], ET.QUAD: [1, 3], ET.TET: [1, 2, 3], ET.HEX: [1, 3, 4]}
     turned = {
         ET.TRIG: [0, 2, 1],
@@ -192,7 +192,7 @@ class Deck:
 
 
 def plastic_lines(yield_stress: float, modulus: float) -> tuple[str, ...]:
-    """Isotropic hardening: the stress of a bar over its plastic strain, up to a strain of 2."""
+    """Linear isotropic hardening: lines (stress, plastic strain) up to a plastic strain of 2."""
     far = 2.0
     last = yield_stress + far * modulus
     return ("*PLASTIC", f"{yield_stress:.12g},0.", f"{last:.12g},{far}")
@@ -213,7 +213,7 @@ class Answer:
 def run(deck: Deck, folder: Path, limit: int = 600) -> Answer:
     """Run ``ccx`` on one thread for at most ``limit`` seconds of processor time.
 
-    Its files stand in ``folder`` afterwards.
+    Its files remain in ``folder``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "deck.inp").write_text("\n".join(deck.lines) + "\n")

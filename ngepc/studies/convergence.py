@@ -4,10 +4,10 @@ Figure 4 has convergence quotients of the last Newton steps on several meshes of
 
     Q_j = ||v^(omega-5+j) - v*||_H / ||v^(omega-6+j) - v*||_H,  j = 1, ..., 5,
 
-with omega the number of steps for the tolerance 1e-10 and v* the solution for 1e-14.  Rounding may
-keep the residual above 1e-14: then v* is the last iterate before the residual stops falling.  The
-Newton correction after it shows the size of the rounding errors; distances below ten times that
-are no distances to the solution, and their quotients are marked.
+where omega is the number of steps to the tolerance 1e-10 and v* the solution to 1e-14.  If rounding
+keeps the residual above 1e-14, v* is the last iterate before the residual stops decreasing.  The
+next Newton correction estimates the rounding errors; distances below ten times that estimate are
+dominated by rounding, and their quotients are marked.
 """
 
 import math
@@ -42,9 +42,9 @@ def convergence_quotients(
 ) -> dict:
     """Compare the last iterates of Algorithm 7.1 with v*; arguments as of ``semismooth_newton``.
 
-    'iterations' is omega, 'quotients' are Q_1, ..., Q_5 (fewer for fewer steps), 'distances' those
-    ||v^j - v*||_H of the last six iterates (stress), 'meaningful' says which of them are above ten
-    times the rounding; 'reference_residual' and 'rounding' belong to v* and the correction there.
+    The record has 'iterations' omega, 'quotients' Q_1, ..., Q_5 (fewer for fewer steps),
+    'distances' ||v^j - v*||_H of the last six iterates (stress), 'meaningful' for distances above
+    ten times the rounding, and 'reference_residual' and 'rounding' of v*.
     """
     duals: list = []
     result = semismooth_newton(
@@ -107,7 +107,7 @@ class Figure4(OverMeshes):
         return convergence_quotients(example(body, nodes), GAMMA, start)
 
     def table_rows(self, records: Sequence[dict]) -> list[dict]:
-        """The records with Q_j, in parentheses where it is rounding; fewer for fewer steps."""
+        """The records with Q_j, in parentheses where rounding dominates; fewer for fewer steps."""
         rows = []
         for r in records:
             pairs = zip(r["quotients"], r["meaningful"], strict=True)

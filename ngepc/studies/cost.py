@@ -1,10 +1,10 @@
 """Cost of a solve and of a Newton step, relative to a linear-elastic solve on the same mesh.
 
-One cell is one solve in a process of its own.  Before and after each of its Newton steps the
-linear-elastic problem of the same mesh and order is solved by NGSolve (assembly, factorisation,
-solve) and the step is compared with the mean of the two, so that whatever else the machine is doing
-weighs on both.  Times are processor times of one thread; a step is everything between two records:
-contact, assembly, factorisation, solve, line search, residual norms.
+One cell is one solve in its own process.  Before and after each Newton step the linear-elastic
+problem of the same mesh and order is solved by NGSolve (assembly, factorisation, solve), and the
+step is compared with the mean of the two, so that other load of the machine affects both.  Times
+are processor times of one thread; a step is everything between two records: contact, assembly,
+factorisation, solve, line search, residual norms.
 """
 
 import os
@@ -26,8 +26,8 @@ NODES = (1601, 3201, 6273, 12545, 24833, 49665, 98817)
 """Meshes of Example (a): the paper's from 1601 on, and the next two bisections."""
 ORDER_2 = "order 2"
 MODES = ("default", ORDER_2, "primal", "1e4")
-"""The default method, with displacements of order 2 too (a fourth of the nodes), the primal one,
-all cold; the paper's at gamma = 1e4 from 417 nodes."""
+"""Methods: the default one with displacements of order 1 and 2 (on a fourth of the nodes), the
+primal one, all from zero; the paper's at gamma = 1e4 from the solution on 417 nodes."""
 
 
 def elastic_solve(problem: Problem) -> float:
@@ -50,7 +50,7 @@ def elastic_solve(problem: Problem) -> float:
 
 
 def measure(mode: str, nodes: int) -> dict:
-    """One solve in this process, with an elastic one before the first and after each record."""
+    """One solve in this process, with an elastic solve before it and after each Newton step."""
     ng.SetNumThreads(1)
     problem, options, start = examples.example("lshape", nodes), NewtonOptions(), None
     if mode == ORDER_2:
@@ -86,7 +86,7 @@ def measure(mode: str, nodes: int) -> dict:
 
 
 class Cost(OverMeshes):
-    """MODES on ``levels`` meshes, order 2 on two less; every run measures anew."""
+    """MODES on ``levels`` meshes, order 2 on two fewer; each run measures again."""
 
     name = "cost"
     title = "What a solve costs"

@@ -1,8 +1,8 @@
-"""Newton steps over meshes: Tables 1 and 2 of the paper, with further rows of other methods.
+"""Newton steps over meshes: Tables 1 and 2 of the paper, with rows for other methods.
 
-Rows of the paper's tables are numbers (its method at that gamma), 'default' and 'primal'; a star
-marks nested iteration, each mesh started from the solution on the next coarser one.  The table of
-the default method has small hardening and solids beside, and GetFEM 5.4.2 as it was measured.
+Rows are numbers (the paper's method at that gamma), 'default' and 'primal'; a star marks nested
+iteration, where each mesh starts from the solution on the next coarser one.  The table of the
+default method also has small hardening, solids, and measured counts of GetFEM 5.4.2.
 """
 
 import math
@@ -39,15 +39,15 @@ from ngepc.studies.work import OverMeshes, chosen, first_of
 OWN_ROWS = ("default", "default*", "primal", "primal*")
 OPTIONS = NewtonOptions(max_iterations=2000)
 FEW = 5
-"""Rows that take no more steps on any mesh are not drawn."""
+"""Rows with at most so many steps on all meshes are not drawn."""
 
 
 @dataclass(eq=False)
 class CountTable(OverMeshes):
-    """A table of the paper with our counts; its rows and further ones of other methods.
+    """A table of the paper with our counts, and rows for other methods.
 
-    ``paper`` has its counts on the meshes of the family of ``body`` by rows, ``about`` says from
-    where the runs start.
+    ``paper`` maps rows to the paper's counts on the meshes of ``body``; ``about`` describes the
+    starting points.
     """
 
     rows: Sequence[str] | None = None
@@ -78,7 +78,7 @@ class CountTable(OverMeshes):
         ]
 
     def solve(self, row: str, nodes: int) -> dict:
-        """One run, nested or from where the paper starts, and the paper's count."""
+        """One run, nested or from the paper's starting point, and the paper's count."""
         method = row.rstrip("*")
         paper = None
         if row in self.paper:
@@ -157,13 +157,13 @@ BLOCKS = {
     "tetrahedra": {281: 1, 1745: 2, 12193: 3},
     "hexahedra": {343: 6, 1728: 11, 12167: 22},
 }
-"""Elements -> nodes -> refinements of a coarse mesh, or cells along an edge."""
+"""Shape of elements -> nodes -> refinements of the coarse mesh, or cells along an edge."""
 
 
 BOUND = 1.25
-"""Of |dev sigma| in Example (a) (stress)."""
+"""Yield bound of |dev sigma| in Example (a) (stress)."""
 LIMIT = BOUND / PEEQ
-"""The yield stress of a bar of it (stress)."""
+"""The corresponding yield stress of a bar (stress)."""
 
 
 def _elastic(problem: Problem) -> dict[str, object]:
@@ -173,27 +173,27 @@ def _elastic(problem: Problem) -> dict[str, object]:
 
 
 def _with_law(law: HardeningLaw, problem: Problem, hardening: float) -> dict:
-    """A law of isotropic hardening, and linear kinematic hardening beside it."""
+    """A law of isotropic hardening combined with linear kinematic hardening."""
     elastic = _elastic(problem)
     return {"material": Material.with_law(**elastic, law=law, hardening=hardening)}
 
 
 def _with_rate(problem: Problem, hardening: float) -> dict:
-    """A load that comes in the unit of time."""
+    """Norton's rate law, with the load applied within one unit of time."""
     elastic = _elastic(problem)
     given = {"yield_stress": BOUND, "hardening": hardening, "rate": Norton(1.0, 5.0)}
     return {"material": Material(**elastic, **given), "duration": 1.0}
 
 
 def _with_axes(problem: Problem, hardening: float) -> dict:
-    """A rolled sheet, with its axes along the diagonal."""
+    """Hill's ellipsoid of a rolled sheet whose axes are turned by 45 degrees."""
     hill = Hill.r_values(1.8, 1.2, 2.3, angle=math.pi / 4)
     given = {"yield_stress": BOUND, "hardening": hardening, "hill": hill}
     return {"material": Material(**_elastic(problem), **given)}
 
 
 def _cyclic(problem: Problem, hardening: float) -> dict:
-    """Four sub-elements and one that never yields, which hardens as k does."""
+    """Four sub-elements and an elastic one, which hardens like k."""
     two_mu = 2 * problem.material.lame_mu
     parts = 4
     share = two_mu / (two_mu + hardening) / parts
@@ -217,7 +217,8 @@ LAWS: dict[str, Callable[[Problem, float], dict]] = {
     "cyclic": _cyclic,
     "plane stress": _thin,
 }
-"""Name of a law -> what it changes of Example (a) in plane strain, with kinematic hardening k."""
+"""Name of a law -> function that changes Example (a) in plane strain, with kinematic hardening
+k."""
 LAW_RATIOS = (1e-1, 1e-3)
 LAW_NODES = (833, 3201)
 
@@ -280,7 +281,7 @@ class NewtonCounts(OverMeshes):
         return [{"body": b, "hardening": ratio, "nodes": n} for b, ratio, n in found]
 
     def solve(self, body: str, hardening: float | None, nodes: int) -> dict:
-        """By all methods that the table shows for it."""
+        """Solve by all methods that the table shows for the problem."""
         problem = problem_of(body, nodes, hardening)
         methods = METHODS[:1] if body in LAWS else METHODS
         found = {m: timed(solved_by, m, problem)[1] for m in methods}
@@ -293,11 +294,11 @@ class NewtonCounts(OverMeshes):
         return found | {"problem": TITLES.get(body, title)}
 
     def succeeded(self, records: Sequence[dict]) -> bool:
-        """Always: runs that do not converge are shown, too."""
+        """Always True: the table also shows runs that do not converge."""
         return bool(records)
 
     def notes(self, records: Sequence[dict]) -> list[str]:
-        """How it was measured, how far energies differ, totals of nested iteration."""
+        """How counts were measured, differences of energies, totals of nested iteration."""
         both = [(r["default"], r["primal"]) for r in records if "primal" in r]
         good = [(a, b) for a, b in both if a["status"] == b["status"] == "converged"]
         apart = max(abs(a["energy"] / b["energy"] - 1) for a, b in good)

@@ -4,11 +4,11 @@ Definition 6.1 asks of M(q) = gamma [|q| - beta]^+ q/|q| that
 
     E(h) = M(q + h) - M(q) - G(q + h) h    has    ||E(h)||_Y / ||h||_X -> 0    as ||h||_X -> 0.
 
-With X = Y = L2 that is false: h that lifts q just inside the yield surface across it on a disc of
-radius r goes to zero with r, and E(h) is as large as h.  Where X is stronger than Y, L6 -> L2 of
-Lemma 6.3 or H1 -> H^(-1) for H_2 = H^1_0, the quotient goes to zero.  gamma and beta scale out and
-are one here.  Directions on shrinking discs, of fixed height: ``plateau`` is a null sequence in L2
-and L6 alone, ``log`` in H1 as well, though only as fast as log(1/r)^(-1/2).
+With X = Y = L2 that is false: let h move q across the yield surface on a disc of radius r; h goes
+to zero with r, but E(h) is as large as h.  If X is stronger than Y, as L6 -> L2 of Lemma 6.3 or H1
+-> H^(-1) for H_2 = H^1_0, the quotient goes to zero.  gamma and beta can be scaled to one.  The
+directions h have a fixed height on shrinking discs: ``plateau`` is a null sequence in L2 and L6
+only, ``log`` also in H1, with the slow rate log(1/r)^(-1/2).
 """
 
 import math
@@ -47,7 +47,7 @@ def graded_mesh(levels: int) -> ng.Mesh:
 FAMILIES = {
     # 1 up to radius/2, linear to 0 at radius
     "plateau": lambda r, radius: np.clip(2 - 2 * r / radius, 0.0, 1.0),
-    # the capacity potential of the disc of that radius in the one of LARGEST_RADIUS
+    # capacity potential of the disc of this radius in the disc of LARGEST_RADIUS
     "log": lambda r, radius: np.clip(
         np.log(np.maximum(r, radius) / LARGEST_RADIUS)
         / math.log(radius / LARGEST_RADIUS),
@@ -96,7 +96,7 @@ def difference_quotients(levels: int = 7) -> list[dict]:
     """The quotients of Definition 6.1 along both families, radii 1/8, 1/16, ..., 2^(-2-levels).
 
     q = (0.9, 0) is constant, so that |q + h| > 1 where the shape of h exceeds about a quarter;
-    1 <= levels <= 12.  A record has ``family`` and ``radius`` beside what ``quotients`` gives.
+    1 <= levels <= 12.  A record has ``family``, ``radius`` and the numbers of ``quotients``.
     """
     require_integer("levels", levels, 1, 12)
     mesh = graded_mesh(levels + 3)
@@ -130,7 +130,7 @@ class Differentiability(Work):
     )
 
     def cells(self) -> list[dict]:
-        """All radii in one."""
+        """One cell with all radii."""
         return [{"levels": self.levels}]
 
     solve = staticmethod(difference_quotients)

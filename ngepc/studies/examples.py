@@ -22,15 +22,15 @@ THRESHOLDS = {"lshape": 0.1, "wrench": 1e-2}
 """The |p|_F above which the paper's Figures 2 and 6 show the plastic zone."""
 FAMILIES = {name: body.PAPER_NODES for name, body in BODIES.items()}
 METHODS = ("default", "primal")
-"""Those without a gamma."""
+"""Methods without a gamma."""
 
 
 @lru_cache(maxsize=16)
 def example(name: str, nodes: int | None = None, maxh: float | None = None) -> Problem:
     """An example on a member of its mesh family, by default the first of the paper's table.
 
-    Its name is 'lshape' or 'wrench'; ``maxh``, the width of a CSG mesh (length), is in place of the
-    nodes.  ValueError if there is no such mesh, or both are given.
+    ``name`` is 'lshape' or 'wrench'.  ``maxh``, the width of a CSG mesh (length), may be given in
+    place of ``nodes``.  ValueError if there is no such mesh, or if both are given.
     """
     if nodes and maxh:
         raise ValueError(f"nodes={nodes} and maxh={maxh:g}: leave one of them out")
@@ -47,7 +47,7 @@ def solved_by(
     options: NewtonOptions | None = None,
     monitor: object = None,
 ) -> Result:
-    """The result of the method called 'default' or 'primal', or of the paper's own at a gamma."""
+    """The result of the method 'default' or 'primal', or of the paper's method at a gamma."""
     if method == "primal":
         same = ("tolerance", "max_iterations") if options is not None else ()
         chosen = PrimalOptions(**{name: getattr(options, name) for name in same})
@@ -60,7 +60,7 @@ def solved_by(
 def coarse_start(
     name: str, method: str | float, options: NewtonOptions | None = None
 ) -> Result:
-    """The solution on the coarse mesh of an example; a gamma is reached in factors of ten."""
+    """The solution on the coarse mesh of an example; gamma is increased by factors of ten."""
     problem = example(name, BODIES[name].COARSE_NODES)
     result = None
     ways = [method]
@@ -78,7 +78,7 @@ def coarse_start(
 def nested(
     name: str, method: str | float, nodes: int, options: NewtonOptions | None = None
 ) -> Result:
-    """The solution of an example on a mesh, reached through all coarser ones of its family."""
+    """The solution of an example by nested iteration through all coarser meshes of its family."""
     family = (BODIES[name].COARSE_NODES, *FAMILIES[name])
     if nodes == family[0]:
         return coarse_start(name, method, options)
@@ -87,7 +87,7 @@ def nested(
 
 
 def timed(solve: Callable[..., Result], *given: object) -> tuple[Result, dict]:
-    """The result of a solver, and status, steps, energy J and processor time with set-up."""
+    """The result of a solver, and its status, steps, energy J and processor time."""
     begin = time.process_time()
     result = solve(*given).or_interrupted()
     seconds = time.process_time() - begin
@@ -106,7 +106,7 @@ def in_own_process(work: Callable[..., Any], *given: object) -> Any:
 
 
 def peak_memory() -> float | None:
-    """Peak resident memory of this process (MB), None where Linux does not tell."""
+    """Peak resident memory of this process (MB); None if the system does not provide it."""
     status = Path("/proc/self/status")
     found = status.read_text().partition("VmHWM:")[2] if status.is_file() else ""
     return int(found.split()[0]) / 1024 if found else None

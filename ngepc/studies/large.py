@@ -1,9 +1,9 @@
-"""Large bodies: a sphere pressed into a block, by iterative solvers and shared by processes.
+"""Large bodies: a sphere pressed into a block, by iterative solvers and on several processes.
 
-Each mesh is started from the one before.  Times are processor times of one thread, or of each
-process, and count everything from the coarsest mesh on, meshes included, and what a process waits
-for others: MPI waits busily.  With fewer free cores than processes they mean nothing, counts and
-energies do.
+Each solve starts from the solution on the coarser mesh.  Times are processor times of one thread,
+or of each process, from the coarsest mesh on; they include mesh generation and waiting for other
+processes, as MPI waits busily.  With fewer free cores than processes only counts and energies are
+meaningful.
 """
 
 import json
@@ -32,12 +32,12 @@ from ngepc.studies.work import OverMeshes
 
 LAME_MU = 1e3
 DIRECT_NODES = 2000
-"""The largest mesh on which the direct solver runs beside."""
+"""The largest mesh on which the direct solver is run for comparison."""
 TOLERANCE = 1e-8
 MAX_STEPS = 50
 HARDENINGS = (1.0, 0.1, 0.01, 0.001)
 SHARED_HARDENING = 0.1
-"""Values of h/mu, and that of bodies which processes share."""
+"""Values of h/mu, and the value for runs on several processes."""
 SOLVERS = {"pyamg": PyAMG, "petsc": PETSc}
 
 
@@ -46,7 +46,7 @@ def indented_block(
 ) -> Problem:
     """A sphere of radius 1 pressed 0.03 into a unit block; 55, 281, 1745, 12,193, ... nodes.
 
-    The coarsest mesh is refined so many times; ``hardening`` is h (stress), mu is 1e3.
+    The coarsest mesh is refined ``refinements`` times; ``hardening`` is h (stress), mu is 1e3.
     """
     mesh = block.mesh(maxh=0.4)
     for _ in range(refinements):
@@ -55,7 +55,7 @@ def indented_block(
 
 
 def pressed(mesh: Mesh, hardening: float, order: int = 1) -> Problem:
-    """The same on another mesh of the unit cube."""
+    """The same problem on any mesh of the unit cube."""
     elastic = {"lame_lambda": 1e3, "lame_mu": LAME_MU, "yield_stress": 5.0}
     steel = Material.kinematic(**elastic, hardening=hardening)
     gap = 1.0 - sqrt(1.0 - (x - 0.5) ** 2 - (y - 0.5) ** 2) - 0.03
@@ -69,13 +69,13 @@ def solved_in_a_row(
     inverse: Iterative,
     order: int = 1,
 ) -> Iterator[tuple[ExactResult, dict]]:
-    """Results and their numbers on the mesh refined once, twice ..., each started from the last."""
+    """Results and records on meshes refined once, twice ..., each started from the last result."""
     result = None
     for _ in range(levels):
         if isinstance(mesh, MeshPart):
             finer = mesh = mesh.refined()
         else:
-            mesh.Refine()  # in place, as a copy loses the marks of the next bisection
+            mesh.Refine()  # refine in place: a copy loses the marks for the next bisection
             finer = Mesh(mesh.ngmesh.Copy())
         problem = pressed(finer, hardening * LAME_MU, order)
         result = solve_exactly(problem, result, TOLERANCE, MAX_STEPS, inverse, None)
@@ -100,7 +100,7 @@ def solve_large(
 ) -> list[dict]:
     """The records of ``levels`` meshes from 281 vertices on; ``hardening`` is h/mu.
 
-    'difference' is the relative one of the energy to the direct solver's, on small meshes.
+    'difference' is the relative difference of the energy from the direct solver's, on small meshes.
     """
     begin = time.process_time()
     records = []
@@ -151,7 +151,7 @@ class Large(OverMeshes):
 
 
 LAUNCH = ("mpiexec", "--allow-run-as-root", "--oversubscribe", "-n")
-"""As root and with more processes than cores, as in containers; both are Open MPI's."""
+"""Options of Open MPI to run as root and with more processes than cores, as in containers."""
 
 CHILD = "import sys; from ngepc.studies.large import child; child(*sys.argv[1:])"
 
@@ -198,7 +198,7 @@ class Processes(OverMeshes):
 
     def cells(self) -> list[dict]:
         """One for each number of processes."""
-        PETSc()  # says so if it is missing
+        PETSc()  # raises if it is missing
         if MPI is None:
             raise ImportError(INSTALL)
         about = {"levels": self.levels, "order": self.order}
@@ -206,14 +206,14 @@ class Processes(OverMeshes):
 
     def solve(self, processes: int, levels: int, order: int) -> list[dict]:
         """All meshes on some processes."""
-        mine = ("OMPI_", "PMIX_")  # what an MPI of this process has left
+        mine = ("OMPI_", "PMIX_")  # variables of an MPI run around this process
         clean = {
             name: value
             for name, value in os.environ.items()
             if not name.startswith(mine)
         }
         clean["OMPI_MCA_mpi_yield_when_idle"] = (
-            "1"  # waiting processes yield their cores
+            "1"  # processes that wait yield their cores
         )
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "records.json"

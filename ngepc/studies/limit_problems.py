@@ -21,11 +21,11 @@ CUT = (3.7752, 3.7776)
 """Kammoun, Pastor, Smaoui, Pastor 2010, doi 10.1002/nag.887: gamma H / c."""
 
 PUNCH = (1.5, 1.0, (3, 2))
-"""Half of the width of the block and its depth over half of the width of the punch; boxes."""
+"""Half the width and the depth of the block over half the width of the punch, of each box."""
 
 
 def strong(bound: float) -> Material:
-    """A material with this bound of |dev sigma|; limit loads do not depend on its other numbers."""
+    """A material with this bound of |dev sigma|; limit loads need no other number."""
     elastic = {"lame_lambda": 1e3 * bound, "lame_mu": 1e3 * bound}
     return Material.kinematic(**elastic, yield_stress=bound, hardening=bound)
 

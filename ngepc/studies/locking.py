@@ -22,7 +22,7 @@ from ngepc.studies.work import OverMeshes, first_of
 POISSON = 0.4999
 MEAN = ", mean volume"
 KINDS = ("P1", "P2", f"P2{MEAN}", "Q1", f"Q1{MEAN}", "Q2", f"Q2{MEAN}")
-"""Triangles and quadrilaterals of order 1 and 2; mean volume averages tr eps over each element."""
+"""Triangles and quadrilaterals of order 1 and 2, and with tr eps averaged over each element."""
 
 
 def cantilever(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
@@ -54,7 +54,7 @@ def cook(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
 
 
 def deflection(result: ExactResult) -> float:
-    """That of the tip of the cantilever over beam theory (plane strain)."""
+    """Deflection of the cantilever's tip over that of beam theory (plane strain)."""
     young = 1000.0 / (1 - POISSON**2)
     nu = POISSON / (1 - POISSON)
     beam = ((4 + 5 * nu) * 10 / 4 + 2 * 10**3) / (6 * young / 12)
@@ -76,7 +76,7 @@ TESTS = {
     "punch, pressure over (2 + pi) k": (punch, pressure, (8, 16, 32, 64)),
     "Cook's membrane, tip": (cook, tip, (4, 8, 16, 32)),
 }
-"""Name and what is shown -> the problem, its number, cells along a side."""
+"""(Name, title of the number) -> problem, function of the number, cells along a side."""
 
 
 def solve_with(problem: Problem, mean_volume: bool) -> ExactResult:

@@ -20,28 +20,28 @@ FORCE = 0.409
 """Force on the sphere on fine meshes, of ngepc and of CalculiX with quadratic elements."""
 
 DEPTH = 0.003
-"""How far the sphere, of radius 10, is pressed into a block of edge 1 (length)."""
+"""Indentation of the sphere of radius 10 into a block of edge 1 (length)."""
 
 HALF_WIDTH = 6.21
 RADIUS = 50.0
 """Half width of the contact of the roller, as published, and the radius of the roller."""
 
 MOST_ROWS = 400
-"""Rows of contact up to which the stability of the pressure is computed."""
+"""Largest number of contact rows for which the stability of the pressure is computed."""
 
 CELLS = {
     "sphere, tetrahedra": (2, 4, 6, 8),
     "sphere, hexahedra": (2, 4, 5, 6),
     "roller on a block": (1.6, 0.8, 0.4, 0.2),
 }
-"""Body and elements -> cells along an edge, or the width of elements where bodies touch."""
+"""Body and elements -> cells along an edge, or the width of elements at the contact."""
 
 
 def sphere(cells: int, order: int, *, hexahedra: bool) -> Problem:
     """A quarter of a block under a rigid sphere; cells grow away from the point of contact."""
 
     def graded(s: float) -> float:
-        """A coordinate with elements that are smaller near zero."""
+        """A coordinate that grades the mesh towards zero."""
         return s * (0.35 + 0.65 * s)
 
     mesh = MakeStructured3DMesh(
@@ -63,10 +63,10 @@ def sphere(cells: int, order: int, *, hexahedra: bool) -> Problem:
 def pressure_stability(discrete: DiscreteProblem, shear: float) -> float:
     """The smallest eigenvalue of 2 mu S in the norm of forces lambda, sum of h/w lambda^2.
 
-    S = R K^-1 R' is the compliance of the contact rows R by the elastic stiffness K, w their areas
-    and h = w^(1/(N-1)) the widths of the facets: the square of the constant of the inf-sup
-    condition, between displacements with the energy norm and forces with a norm that stands for
-    H^-1/2.  It is 0 if a pressure does no work on any displacement.
+    S = R K^-1 R' is the compliance of the contact rows R for the elastic stiffness K, w are their
+    areas and h = w^(1/(N-1)) the widths of the facets.  The eigenvalue is the square of the inf-sup
+    constant between displacements in the energy norm and forces in a discrete H^-1/2 norm.  It is 0
+    if some pressure does no work on any displacement.
     """
     contact = discrete.contact
     rows = contact.rows
@@ -80,7 +80,7 @@ def pressure_stability(discrete: DiscreteProblem, shear: float) -> float:
 
 
 def deepest(result: ExactResult) -> float:
-    """How far the bodies would overlap if they did not deform (length)."""
+    """Largest overlap of the undeformed bodies (length)."""
     return HALF_WIDTH**2 / (2 * RADIUS) if result.problem.contact_pairs else DEPTH
 
 

@@ -2,7 +2,7 @@
 
 The figures show the end of Algorithm 7.2 at the gamma in their captions: for Example (b) 10 * 7^7 =
 8.24e6, the end of Table 3 on the finest mesh; for Example (a) 5^13 = 1.22e9 from gamma_0 = 1 by
-factors of 5, which the caption (1.2e9) allows and the text leaves open.
+factors of 5, which agrees with the caption (1.2e9); the text does not say.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ from ngepc.studies.work import OverMeshes, Work, first_of
 def followed(
     study: Work, body: str, nodes: int, options: PathOptions, **more: object
 ) -> PathResult:
-    """The path of an example on a mesh, a line of progress for each gamma."""
+    """The path of an example on a mesh, with a line of progress for each gamma."""
     return follow_path(
         example(body, nodes),
         options,
@@ -41,7 +41,7 @@ def followed(
 
 @dataclass(eq=False)
 class Table3(OverMeshes):
-    """Paths on ``levels`` meshes, kept gamma by gamma; ``inner_scale`` is c."""
+    """Paths on ``levels`` meshes, stored after each gamma; ``inner_scale`` is c."""
 
     inner_scale: float = PathOptions().inner_scale
 
@@ -76,7 +76,7 @@ class Table3(OverMeshes):
         return [{"nodes": n, "inner_scale": self.inner_scale} for n in meshes]
 
     def solve(self, nodes: int, inner_scale: float) -> dict:
-        """A path, and the direct solve at its end: Algorithm 7.1 from v = 0, as precise."""
+        """A path, and Algorithm 7.1 from v = 0 at its last gamma, to the same tolerance."""
         store = self.path_of({"nodes": nodes, "kept": "path"})
         path = followed(self, "wrench", nodes, self.options, checkpoint=store)
         there = replace(
@@ -140,7 +140,7 @@ FIGURES = {
     6: ("wrench", ("excess", "zone"),
         "Example (b): yield function, plastic zone |p_gamma|_F > 1e-2 (paper: gamma = 8.24e6)"),
 }  # fmt: skip
-"""Number -> example, what it shows from left to right in the deformed configuration, in words."""
+"""Number of a figure -> example, its panels from left to right, and a description."""
 
 HIGHEST_STRAIN = {"lshape": 0.2, "wrench": 0.04}
 """Upper end of the colour scales; the strains at the re-entrant corners grow with refinement."""
@@ -170,7 +170,7 @@ def drawn(number: int, result: DualResult) -> Figure:
 
 @dataclass(eq=False)
 class Figures(BothPaths):
-    """Figures 2, 3, 5 and 6; paths are kept gamma by gamma."""
+    """Figures 2, 3, 5 and 6; paths are stored after each gamma."""
 
     lshape_nodes: int = 3201
     wrench_nodes: int = 6353

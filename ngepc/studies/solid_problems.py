@@ -17,16 +17,16 @@ from ngepc.model.tensile import lame_parameters
 from ngepc.results.result import Result
 
 ELASTIC = 1e9
-"""A yield stress that nothing reaches."""
+"""A yield stress that is never reached."""
 NEARLY_PERFECT = 1e-5
-"""Hardening over shear modulus where the problem asks for none."""
+"""Hardening over shear modulus, used for perfect plasticity."""
 
 
 class Quantity(NamedTuple):
-    """One number of a problem: its name, the reference, where that is from, and ours.
+    """One number of a problem: name, reference, kind of reference, tolerance, and our number.
 
-    ``kind`` is P for published, C for a closed form, O for a separate computation; the tolerance is
-    relative.
+    ``kind`` is P for published, C for a closed form, O for a separate computation.  The tolerance
+    is relative.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Quantity(NamedTuple):
 
     @property
     def difference(self) -> float:
-        """Ours minus the reference, relative to it; itself where the reference is 0."""
+        """Relative difference of our number from the reference; absolute if that is 0."""
         return self.ours / self.reference - 1 if self.reference else self.ours
 
     @property

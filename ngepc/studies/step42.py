@@ -1,9 +1,9 @@
 """The default method against the primal one on the body of deal.II's step-42.
 
 Box (0, 1)^3 fixed below, u_x = u_y = 0 on its sides, E = 2e5, nu = 0.3, beta = 400, isotropic
-hardening 2 mu g / (1 - g) with g = 0.01; the sphere of radius 0.6 has come down by 0.01.  It
-touches within a radius of 0.1: equal cells of width 1/8 have one node there.  So the quarter of the
-body that symmetry leaves is meshed towards the contact zone.
+hardening 2 mu g / (1 - g) with g = 0.01; the sphere of radius 0.6 moves down by 0.01.  The radius
+of the contact zone is 0.1, where equal cells of width 1/8 have one node.  Therefore a quarter of
+the body is solved, on meshes graded towards the contact zone.
 """
 
 from collections.abc import Sequence
@@ -30,9 +30,9 @@ OWN = "hexahedra of step-42"
 """Equal cells, 8 x 8 x 8 on the whole body."""
 REFINED = f"{OWN}, refined"
 HALVED = (8, 16, 32)
-"""The same halved everywhere, so many along an edge of the quarter, for the default method."""
+"""Refinements of the equal cells: cells along an edge of the quarter, for the default method."""
 TOLERANCE = 1e-8
-"""Of the runs on them."""
+"""Options of the runs on these meshes."""
 
 WHOLE = {"left|right|front|back": (0, 0, None)}
 QUARTER = {
@@ -56,7 +56,7 @@ def step42_problem(mesh: Mesh, prescribed: dict = QUARTER) -> Problem:
     steel = Material.isotropic(**elastic, **hardening)
     gap = Sphere((0.5, 0.5, 1.6), 0.6).gap(mesh, motion=(0.0, 0.0, -0.01))
     data = {"contact": "contact", "gap": gap, "prescribed": prescribed}
-    return Problem(mesh, steel, **data, order=1)  # as that program has it
+    return Problem(mesh, steel, **data, order=1)  # as in that program
 
 
 def equal_cells(n: int) -> Mesh:

@@ -1,4 +1,4 @@
-"""What threads do for a solve: wall time with one and with several of NGSolve's threads."""
+"""Wall time of a solve with one and with several of NGSolve's threads."""
 
 import os
 import time
@@ -14,7 +14,7 @@ from ngepc.studies.large import pressed
 from ngepc.studies.work import Work
 
 REPEATED = 3
-"""Runs of each body with each number of threads, of which the fastest counts."""
+"""Runs of each body with each number of threads; the fastest one is taken."""
 
 
 def plane() -> Problem:

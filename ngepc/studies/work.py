@@ -1,4 +1,4 @@
-"""What all studies share: cells kept on disk, so that work survives Ctrl-C, and written tables."""
+"""The base class of studies, which stores cells, continues runs and writes tables."""
 
 import csv
 import io
@@ -19,22 +19,24 @@ from ngepc.results.records import provenance, to_json, write_text
 from ngepc.results.stored import reading
 
 FORM = 2
-"""Grows with what studies say in their records: cells of another one are refused."""
+"""Version of the stored records; cells with another version are not used."""
 
 
 @dataclass(eq=False)
 class Work(ABC):
     """A study: ``run`` returns the records of all cells, ``write`` writes the files.
 
-    A cell is a dictionary of what makes it, such as an example and the nodes of its mesh;
-    ``solve(**cell)`` gives further numbers, both together are a record.  Each cell is solved once
-    and, if the study ``keeps`` them, stored in ``folder``/cells; ``progress`` gets a line of text
-    after it.  Options of a study are further fields, ``ngepc.cli.commands.STUDIES`` lists them.
+    A cell is a dictionary of parameters, such as an example and the nodes of its mesh;
+    ``solve(**cell)`` returns numbers; a record is both together.  Each cell is solved once and, if
+    the study ``keeps`` cells, stored in ``folder``/cells.  ``progress`` is called with a line of
+    text after each cell.  Options of a study are further fields of the class;
+    ``ngepc.cli.commands.STUDIES`` lists them.
 
-    Files are called ``name``.  ``columns`` of the table are 'head = format', separated by ' | ',
-    with fields of the record, {nodes}, of a run in it, {direct[steps]}, or of what ``spoken`` adds;
-    ``across`` are formats of the head and entry of further ones: records that agree in ``columns``
-    are one row then, with an entry for each head.  {study.gamma:g} in the note is an option.
+    ``name`` is the name of the files.  ``columns`` describes the table: 'head = format', separated
+    by ' | '.  A format contains fields of the record, {nodes}, fields of a run in it,
+    {direct[steps]}, or the texts of ``with_endings``.  ``across`` are two formats, of the head and
+    the entry of further columns: records that agree in ``columns`` share a row, with one entry for
+    each head.  {study.gamma:g} in ``note`` is an option of the study.
     """
 
     folder: Path
@@ -53,10 +55,10 @@ class Work(ABC):
 
     @abstractmethod
     def solve(self, **cell: object) -> dict | list[dict]:
-        """What a cell gives: a record, or several."""
+        """Solve a cell; returns the numbers of one record, or a list of several."""
 
     def line(self, record: dict) -> str:
-        """What progress says about a record: the first of its numbers and texts."""
+        """The line of progress of a record: its first numbers and texts."""
         flat = _flat(record).items()
         return ", ".join(
             [f"{k} {_short(v)}" for k, v in flat if v not in ("", None)][:8]
@@ -84,7 +86,7 @@ class Work(ABC):
         )
 
     def run(self) -> list[dict]:
-        """Do the work; returns the records of all cells."""
+        """Solve all cells; returns their records."""
         cells = self.cells()
         found = []
         for number, cell in enumerate(cells, 1):
@@ -93,12 +95,12 @@ class Work(ABC):
         return found
 
     def path_of(self, cell: Mapping) -> Path:
-        """The file that keeps a cell."""
+        """The file in which a cell is stored."""
         named = "-".join(str(value) for value in (self.name, *cell.values()))
         return self.folder / "cells" / (re.sub(r"[^\w.+-]", "_", named) + ".npz")
 
     def kept(self, cell: Mapping) -> list[dict]:
-        """The stored records of a cell, or those that ``solve`` gives, which are then stored."""
+        """The stored records of a cell; if there are none, it is solved and stored."""
         about = {
             "study": self.name,
             "form": FORM,
@@ -186,10 +188,10 @@ PACKAGE = Path(__file__).parents[1]
 
 
 def commit() -> str | None:
-    """The commit of branch main that this package comes from, with + where code was changed since.
+    """The commit of branch main that this package comes from, with + if code was changed since.
 
-    None outside of a checkout with its history.  A branch that is not on main yet names the
-    commit that it started from, and +: its own commits may still be replaced.
+    None outside of a checkout with its history.  On another branch it is the commit of main that
+    the branch started from, with +, as commits of the branch may still be replaced.
     """
     if _git("ls-files", "--error-unmatch", "__init__.py") is None:
         return None
@@ -201,7 +203,7 @@ def commit() -> str | None:
 
 
 def _git(*words: str) -> str | None:
-    """What git says of the package's folder; None where it fails or is missing."""
+    """The output of git in the package's folder; None if git fails or is missing."""
     if (program := shutil.which("git")) is None:
         return None
     done = subprocess.run(
@@ -211,7 +213,7 @@ def _git(*words: str) -> str | None:
 
 
 def _records(kept: Mapping, cell: Mapping) -> list[dict]:
-    """The records of a cell; TypeError if they are none."""
+    """The stored records of a cell; TypeError if they do not belong to it."""
     found = kept["records"]
     theirs = found and all(
         isinstance(r, dict) and all(r.get(k) == v for k, v in cell.items())
@@ -235,7 +237,7 @@ def with_endings(record: Mapping) -> dict:
 
 
 def shown(entry: str, record: Mapping) -> str:
-    """What a format says about a record; nothing where it has no such number, or None."""
+    """A record in a format; empty if the record has no such number, or None."""
     try:
         return entry.format(**record)
     except (KeyError, TypeError):
@@ -250,7 +252,7 @@ def first_of(family: Sequence[int], levels: int) -> tuple[int, ...]:
 
 
 def chosen(known: Collection[str], rows: Sequence[str] | None) -> tuple[str, ...]:
-    """The rows asked for, all of them for None; ValueError for unknown ones."""
+    """The given rows, all for None; ValueError for unknown rows."""
     rows = tuple(known if rows is None else rows)
     unknown = [row for row in rows if row not in known]
     if unknown or not rows:
