@@ -25,9 +25,10 @@ from ngepc.local.result import ExactResult
 from ngepc.local.warm import WarmSolver
 from ngepc.model.problem import Problem
 from ngepc.pictures.curves import pressure_curves
-from ngepc.pictures.drawable import Drawable, UnitNames, on_one_scale
+from ngepc.pictures.drawable import SIGNED, Drawable, UnitNames, drawable
 from ngepc.pictures.fields import Drawing
 from ngepc.pictures.live_server import LabServer, json_ready
+from ngepc.pictures.sampling import Corners, colour_scale, corners_of
 from ngepc.pictures.sliders import Change, Slider, changed
 from ngepc.pictures.views import (
     LINES,
@@ -41,6 +42,7 @@ from ngepc.pictures.views import (
 SCRIPT = Path(__file__).with_name("live.js").read_text(encoding="utf-8")
 
 LONG = 0.1  # after slower solves (s) the next one shows a prediction first
+SAMPLES = 1  # parts of an edge between samples for the scale of colours
 ROOM = 1.3  # factor by which scales of colours and pressures are extended
 EXTRA = 'pip install "ngepc[notebook]"'
 
@@ -200,12 +202,10 @@ class Laboratory:
         self, result: ExactResult, values: Mapping[str, float], exact: bool
     ) -> dict:
         """A picture, its curves and the description of the solution."""
-        what, _, colours = on_one_scale(
-            [result], self.field, self.drawing.units, (None, None)
-        )
-        self._widen(colours)
+        drawn = drawable(result, self.field, self.drawing.units)
+        self._widen(drawn, corners_of(result.fields, drawn.coefficient, cuts=SAMPLES))
         self.peak = max(self.peak, self._peak_of(result))
-        scene = scene_of(result, what[0], None, self.colours, self.drawing, self.peak)
+        scene = scene_of(result, drawn, None, self.colours, self.drawing, self.peak)
         position = self._position(values)
         caption = position if exact else f"{position}: predicted, solving ..."
         curves = self._curves(result, values, exact)
@@ -216,20 +216,22 @@ class Laboratory:
             "exact": exact,
             "last": exact,
             "scene": scene,
-            "label": plain_label(what[0]),
+            "label": plain_label(drawn),
             "curves": curves,
         }
 
-    def _widen(self, colours: ScalarMappable) -> None:
+    def _widen(self, drawn: Drawable, samples: Corners) -> None:
         """Extend the scale of colours if values are outside of it."""
-        low, high = colours.get_clim()
+        limits = colour_scale(samples, symmetric=drawn.colormap == SIGNED)
+        low = limits.vmin
+        high = limits.vmax
         if self.colours is not None:
             old_low, old_high = self.colours.get_clim()
             if old_low <= low and high <= old_high:
                 return
             low = old_low if low >= old_low else ROOM * low
             high = old_high if high <= old_high else ROOM * high
-        self.colours = ScalarMappable(Normalize(low, high), colours.get_cmap())
+        self.colours = ScalarMappable(Normalize(low, high), drawn.colormap)
 
     def _peak_of(self, result: ExactResult) -> float:
         peak = pressure_peak([result])

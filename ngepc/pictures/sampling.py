@@ -174,7 +174,7 @@ def obstacle_lines(fields: Fields, scale: float) -> np.ndarray:
     if not names:
         return np.empty((0, 2, 2))
     gaps = corners_of(fields, psi, "|".join(names)).values.max(axis=1)
-    border = corners_of(fields, where=".*")
+    border = corners_of(fields, where=".*", cuts=1)
     extent = np.ptp(border.points.reshape(-1, 2), axis=0).max()
     room = max(0.25 * extent, 1.2 * scale * gaps.min())
     shown = (scale * gaps <= room) & (gaps < 5 * extent)

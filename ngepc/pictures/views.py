@@ -23,6 +23,7 @@ from ngsolve import BBND, BND, CF, VOL, CoefficientFunction, Mesh
 
 from ngepc.checks.arguments import sample
 from ngepc.checks.kinds import require_path, require_text
+from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
 from ngepc.pictures.cutting import Part, Plane
 from ngepc.pictures.drawable import (
@@ -250,9 +251,7 @@ def scene_of(
     names = fields.problem.touching_names
     plane = fields.problem.N == 2
     if plane and names:
-        extent = np.ptp(
-            corners_of(fields, where=".*").points.reshape(-1, 2), axis=0
-        ).max()
+        extent = np.ptp(vertex_coordinates(fields.problem.mesh), axis=0).max()
         height = 0.15 * extent / peak * getattr(source, "contact_pressure", CF(0.0))
         lines = [
             ("obstacle", obstacle_lines(fields, scale)),
