@@ -90,7 +90,7 @@ $(VENV)/.run: $(BIN)/python setup.cfg pyproject.toml
 	touch $@
 
 $(VENV)/.test: $(BIN)/python setup.cfg pyproject.toml
-	$(INSTALL) --editable ".[html,notebook,stills,test,docs]"
+	$(INSTALL) --editable ".[html,notebook,test,docs]"
 	touch $@ $(VENV)/.run $(VENV)/.docs
 
 $(PETSC_VENV)/.test: setup.cfg pyproject.toml

@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ngsolve import Mesh
+from ngsolve import ET, CoefficientFunction, IfPos, Mesh
 
 from ngepc.bounds.adaptive import BoundedResult, MeshRecord, Refinement, solve_to
 from ngepc.bounds.bound import error_bound
@@ -187,7 +187,11 @@ def _of_history(history: Any) -> str:
 
 def _estimated(result: object, problem: Problem, reason: str) -> str:
     """The estimate, and why there is no bound."""
-    ways = {"another order": _other_order, "one refinement": _refined}
+    ways = {
+        "another order": _other_order,
+        "one refinement": _refined,
+        "elements of order one, usually much too large": _lower_order,
+    }
     failures = []
     for name, made in ways.items():
         try:
@@ -215,11 +219,27 @@ def _estimated(result: object, problem: Problem, reason: str) -> str:
 
 def _other_order(problem: Problem) -> Problem | None:
     """The problem with order two; None where it has that."""
-    return replace(problem, order=2) if problem.order == 1 else None
+    return _with_history(problem, order=2) if problem.order == 1 else None
 
 
-def _refined(problem: Problem) -> Problem:
-    """The problem on a mesh that is refined once."""
+def _with_history(problem: Problem, **changes: object) -> Problem:
+    """A changed problem with the same PEEQ, which may be slightly negative at its new points."""
+    before = problem.initial_accumulated
+    if isinstance(before, CoefficientFunction):
+        changes["initial_accumulated"] = IfPos(before, before, 0.0)
+    return replace(problem, **changes)
+
+
+def _lower_order(problem: Problem) -> Problem | None:
+    """The problem with order one; None where it has that."""
+    return _with_history(problem, order=1) if problem.order > 1 else None
+
+
+def _refined(problem: Problem) -> Problem | None:
+    """The problem on a mesh that is refined once; None for cells that Netgen cannot divide."""
+    shapes = {element.type for element in problem.mesh.Elements()}
+    if problem.N == 3 and shapes != {ET.TET}:
+        return None
     finer = Mesh(problem.mesh.ngmesh.Copy())
     finer.Refine()
-    return replace(problem, mesh=finer)
+    return _with_history(problem, mesh=finer)

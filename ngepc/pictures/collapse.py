@@ -37,8 +37,7 @@ def require_mechanism(limit: LimitLoad) -> None:
 def plot_mechanism(limit: LimitLoad, *, axes: Axes | None = None) -> Figure:
     """Draw the collapse of a body: moved along the mechanism, dark where it dissipates.
 
-    In a solid, slips on the faces of elements count as dissipation of the elements; its picture
-    needs pyvista, the extra ``stills``.
+    In a solid, slips on the faces of elements count as dissipation of the elements.
 
     Parameters
     ----------
@@ -56,8 +55,6 @@ def plot_mechanism(limit: LimitLoad, *, axes: Axes | None = None) -> Figure:
     ------
     TypeError, ValueError
         For another object, or a result without a mechanism.
-    ImportError
-        If pyvista is needed and not installed.
     """
     require_mechanism(limit)
     axes = axes_or_new(axes, (6.0, 4.2))

@@ -15,6 +15,7 @@ from ngepc.evolution.result import Evolution
 from ngepc.pictures.drawable import UnitNames, fields_of, require_units, sources_of
 from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
+from ngepc.pictures.wording import units_of
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import History
 
@@ -96,16 +97,16 @@ Quantity = str | Callable[[Fields], float] | Sequence[float]
 
 WORDS = {
     "time": ("time", ""),
-    "contact_force": ("contact force", ""),
+    "contact_force": ("contact force", "force"),
     "max_contact_pressure": ("largest contact pressure", "stress"),
     "max_slip": ("largest slip in a step", "length"),
     "max_plastic_strain": (r"largest plastic strain $|p|_F$", ""),
-    "dissipation": ("energy dissipated in the step", ""),
-    "elastic_energy": ("elastic energy", ""),
+    "dissipation": ("energy dissipated in the step", "energy"),
+    "elastic_energy": ("elastic energy", "energy"),
     "iterations": ("Newton steps", ""),
-    "reaction": ("force of the supports", ""),
-    "applied_force": ("force of the loads", ""),
-    "contact_resultant": ("force of the obstacles", ""),
+    "reaction": ("force of the supports", "force"),
+    "applied_force": ("force of the loads", "force"),
+    "contact_resultant": ("force of the obstacles", "force"),
 }
 """Names for ``plot_curve`` -> words on an axis, and the unit; others stand as they are."""
 
@@ -163,8 +164,9 @@ def plot_curve(
         style = line_style(index, len(one.steps))
         columns = quantity_of("x", one, x), quantity_of("y", one, y)
         axes.plot(*columns, label=label or None, **style)
-    axes.set_xlabel(words_for(x, units) if xlabel is None else xlabel)
-    axes.set_ylabel(words_for(y, units) if ylabel is None else ylabel)
+    names = units_of(units, next(iter(histories.values())).problem)
+    axes.set_xlabel(words_for(x, names) if xlabel is None else xlabel)
+    axes.set_ylabel(words_for(y, names) if ylabel is None else ylabel)
     if any(histories):
         axes.legend()
     return axes.figure
@@ -199,22 +201,22 @@ def quantity_of(argument: str, history: Evolution, quantity: Quantity) -> list[f
     return history.column(name)
 
 
-def words_for(quantity: Quantity, units: UnitNames) -> str:
-    """The label of an axis."""
+def words_for(quantity: Quantity, units: Mapping[str, str]) -> str:
+    """The label of an axis; ``units`` are kinds of quantities -> units."""
     if not isinstance(quantity, str):
         return ""
     name, _, support = quantity.partition(":")
-    words, unit = WORDS.get(name, (None, ""))
-    if words is not None:
-        return f"{words}{units.of(unit)}"
+    if name in WORDS:
+        words, kind = WORDS[name]
+        return f"{words} ({units[kind]})" if units.get(kind) else words
     vector, _, letter = name.rpartition("_")
     if vector not in WORDS:
         return name.replace("_", " ")
-    place = f"support '{support}'" if support else ""
-    words = (
-        WORDS[vector][0].replace("the supports", place) if place else WORDS[vector][0]
-    )
-    return f"{words}, component {letter}"
+    words, kind = WORDS[vector]
+    if support:
+        words = words.replace("the supports", f"support '{support}'")
+    words = f"{words}, component {letter}"
+    return f"{words} ({units[kind]})" if units.get(kind) else words
 
 
 @styled

@@ -24,6 +24,7 @@ from ngepc.pictures.wording import (
     describe_problem,
     describe_result,
     flat_rows,
+    how_exact,
     number,
 )
 from ngepc.results.records import write_text
@@ -151,9 +152,12 @@ def _of_history(history: Evolution, units: UnitNames) -> list[Section]:
     summary = f"{len(history.steps)} steps: {history.status}. {history.message}"
     mesh = mesh_picture(history.problem, units)
     sections = [("The problem", [history.problem, mesh])]
-    sections.append(("The steps", [summary.strip(), describe_history(history, units)]))
+    steps = [summary.strip(), describe_history(history, units)]
+    sections.append(("The steps", steps))
     if not history.steps:
         return sections
+    error = how_exact(history.steps[-1].solution)
+    steps.append(f"Error of the mesh in the last step: {error}.")
     touches = history.problem.touching_names
     force = "contact_force" if touches else "reaction_y"
     columns = [force, "max_plastic_strain"]

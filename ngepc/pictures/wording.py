@@ -75,6 +75,18 @@ def force_unit(units: UnitNames, problem: Problem) -> str:
     return f" {area}/{length}" if per_length else f" {area}"
 
 
+def units_of(units: UnitNames, problem: Problem) -> dict[str, str]:
+    """Kind of quantity -> its unit, empty where it has no name."""
+    force = force_unit(units, problem).strip()
+    energy = f"{force}·{units.length}" if force else ""
+    return {
+        "length": units.length,
+        "stress": units.stress,
+        "force": force,
+        "energy": energy,
+    }
+
+
 def is_whole_body(problem: Problem) -> bool:
     """Whether forces in the plane are those of a whole ring or of a given thickness."""
     return problem.kinematics.hoop or problem.thickness is not None
@@ -352,9 +364,7 @@ COLUMNS = {
 
 def describe_history(history: Evolution, units: UnitNames = PLAIN) -> Rows:
     """A row of numbers for each step."""
-    force = force_unit(units, history.problem).strip()
-    names = {"stress": units.stress, "force": force}
-    names["energy"] = f"{force}·{units.length}" if force else ""
+    names = units_of(units, history.problem)
     heads = {
         name: f"{words} ({names[kind]})" if names.get(kind) else words
         for name, (words, kind) in COLUMNS.items()

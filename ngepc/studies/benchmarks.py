@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from ngepc.model.elements import vertex_coordinates
 from ngepc.pictures.fields import plot_field
-from ngepc.pictures.stills import renderer
 from ngepc.pictures.style import Picture, save_figure, styled
 from ngepc.results.result import Result
 from ngepc.studies import contact_problems as contact
@@ -101,8 +100,6 @@ class Benchmarks(Work):
 
     def __post_init__(self) -> None:
         self.rows = chosen(BENCHMARKS, self.rows)
-        if self.figures and "step-42" in self.rows:
-            renderer()
 
     def cells(self) -> list[dict]:
         """One cell for each problem, with the file of its picture if there is one."""

@@ -57,7 +57,7 @@ class CountTable(OverMeshes):
     about: ClassVar[str]
 
     columns = "gamma = {row}"
-    across = ("{nodes} nodes", "{iterations}{beside}{ending}")
+    across = ("{nodes} nodes", "{iterations}{in_paper}{ending}")
     note = (
         "Newton steps for {study.example}, ours (the paper's in parentheses). {study.about} Rows "
         "'default' are the default method and 'primal' the primal one, cold or with * nested. "
@@ -96,7 +96,6 @@ class CountTable(OverMeshes):
         names = ("iterations", "primal_energy", "dual_energy", "residual_norm")
         return {
             "paper": paper,
-            "beside": f" ({paper})" if paper else "",
             "status": result.status.label,
             **{name: getattr(result, name) for name in names},
             "halvings": result.history.halvings,

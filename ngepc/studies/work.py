@@ -225,12 +225,17 @@ def _records(kept: Mapping, cell: Mapping) -> list[dict]:
 
 
 def with_endings(record: Mapping) -> dict:
-    """A record with texts for each run in it: ``steps``, and ``ending``, ' status' if it failed."""
+    """A record with texts for each run in it.
+
+    ``steps`` are the Newton steps, ``ending`` is ' status' if the run failed, and ``in_paper`` the
+    paper's number in parentheses.
+    """
     texts = {
         key: with_endings(v) if isinstance(v, dict) else v for key, v in record.items()
     }
     status = texts.get("status", "converged")
     texts["ending"] = "" if status == "converged" else f" {status.replace('_', ' ')}"
+    texts["in_paper"] = f" ({texts['paper']})" if texts.get("paper") else ""
     if "iterations" in texts:
         texts["steps"] = f"{texts['iterations']}{texts['ending']}"
     return texts

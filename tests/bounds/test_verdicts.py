@@ -111,6 +111,16 @@ def test_histories_have_their_line(data, start):
             ),
             "Estimate by another order",
         ),
+        (
+            lambda: Problem(
+                block.structured_mesh(2, 2, 1),
+                MATERIAL,
+                "clamped",
+                contact="contact",
+                gap=-0.01,
+            ),
+            "Estimate by elements of order one",
+        ),
     ],
 )
 def test_every_problem_has_its_line(problem, word):
