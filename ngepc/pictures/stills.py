@@ -72,7 +72,7 @@ def solid_image(
         lines.append((segments.reshape(-1, 2, 3), 1))
     for ends, width in lines:
         canvas.draw_lines(image, (ends @ axes.T - corner) / pixel, width)
-    return averaged(image.reshape(canvas.rows, canvas.columns, 4))
+    return in_whole_pixels(image.reshape(canvas.rows, canvas.columns, 4))
 
 
 class Canvas:
@@ -141,7 +141,7 @@ def covered(
     first = np.floor(corners.min(axis=1)).astype(int)
     reach = (np.floor(corners.max(axis=1)).astype(int) - first).max(axis=1) + 2
     width = 2 ** np.ceil(np.log2(reach)).astype(int)
-    start, slopes = barycentric(corners, first)
+    start, slopes = affine_weights(corners, first)
     for side in np.unique(width):
         chosen = np.flatnonzero(width == side)
         steps = np.arange(side)
@@ -163,7 +163,7 @@ def covered(
             yield some[number], pixel, weights
 
 
-def barycentric(
+def affine_weights(
     corners: np.ndarray, places: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The last two barycentric coordinates of triangles (n, 3, 2) at one place each.
@@ -208,7 +208,7 @@ def sharp_edges(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     return flat[one[edges]]
 
 
-def averaged(image: np.ndarray) -> np.ndarray:
+def in_whole_pixels(image: np.ndarray) -> np.ndarray:
     """The image of fine pixels with whole ones, as bytes."""
     rows, columns, _ = image.shape
     parts = image.reshape(rows // FINE, FINE, columns // FINE, FINE, 4)
