@@ -6,13 +6,13 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from ngsolve import Mesh
 
 from ngepc._deprecated import renamed
-from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state
+from ngepc.bounds.bound import ErrorBound, bound_and_search, bound_data_of
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import COVERS as GOALS
 from ngepc.bounds.goal_bound import GoalBound, GoalProblem
@@ -194,10 +194,12 @@ def solve_to(
     small = 0.0
     interval: GoalBound | None = None
     while True:
-        result, bound, steps, bound_data = solved(state, small, options)
+        result, bound, steps, tools = solved(state, small, options)
         if goal is not None:
             near = None if interval is None else interval.factor
-            interval = GoalProblem.of_bound(bound_data, bound).bound_of(goal, near)
+            interval = GoalProblem.of_bound(tools[0], bound, *tools[1:]).bound_of(
+                goal, near
+            )
         here = BoundedResult(result, bound, tolerance, records, "", interval)
         records.append(mesh_record(here, steps))
         message = ending(result, reported(records[-1], monitor))
@@ -278,11 +280,11 @@ def next_mesh(
 
 def solved(
     state: State, small: float, options: Refinement
-) -> tuple[ExactResult, ErrorBound, int, BoundData]:
-    """Iterate on one mesh until the iteration error is a small share of the bound.
+) -> tuple[ExactResult, ErrorBound, int, tuple[BoundData, Factors, Any]]:
+    """Newton steps on one mesh until their part of the bound is small, and their number.
 
-    The bound is computed when a Newton step lowers the energy by less than ``small``.  Returned are
-    the result, its bound, the number of Newton steps and the data of the bound.
+    The last result is what the bound was computed with: data, tangent and search.  Newton steps
+    pause at a step that lowers the energy by less than a ``small`` amount.
     """
     bound_data = bound_data_of(state.discrete)
     tangent = Factors(state.discrete, "sparsecholesky")
@@ -303,9 +305,10 @@ def solved(
         paused = (
             result.status == Status.STOPPED and abs(energies[-2] - energies[-1]) < small
         )
-        bound = bound_of_state(bound_data, result.state, tangent)
+        bound, search = bound_and_search(bound_data, result.state, tangent)
+        tools = (bound_data, tangent, search)
         if not paused:
-            return result, bound, steps, bound_data
+            return result, bound, steps, tools
         # Newton steps do not reduce the cost of clearing the obstacle between the nodes
         left = bound.algebraic - (bound.state.energy - result.primal_energy)
         if left <= ALGEBRAIC_SHARE * bound.total:
@@ -314,6 +317,6 @@ def solved(
                 f"Newton's part of the error bound is {part:.1e} after {steps} steps."
             )
             ended = replace(result, status=Status.BOUNDED, ending=ending)
-            return ended, bound, steps, bound_data
+            return ended, bound, steps, tools
         state = result.state
         small = small / 30

@@ -8,22 +8,29 @@ at single nodes and the pressure of the stress is cut off.
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ngepc.bounds.contact import BUBBLE, LEVEL, NORMAL_PASSES
-from ngepc.bounds.data import BoundData
+from ngepc.bounds.data import BoundData, factorise
 from ngepc.bounds.goal_terms import GoalTerms
+from ngepc.bounds.supremum import dots
 from ngepc.discretisation.factors import Factors
+from ngepc.linalg.secants import Compliance
 from ngepc.local.system import State
 
-TOUCHES = (
-    1e-10  # rows with more than this fraction of the largest contact force are active
-)
-HOLDS = 20  # largest number of passes in which rows are added to the active ones
+TOUCHES = 1e-10  # fraction of the largest force of a row above which it presses
+HOLDS = 20  # largest number of passes until no more rows are held
+HELD = 1e-4
+"""Tolerance of the values of held rows, relative to the largest displacement.
+
+What is left of the conditions is repaired node by node: its energy is the square of this.
+"""
 UNMOVED = 1e-5
 """Tolerance of equilibrium, relative to the forces that hold the displacements."""
 ROUNDING = 1e-10  # tolerance of the conditions before a node is changed
@@ -46,70 +53,145 @@ class Adjoint:
     least: float
 
 
-class AdjointProblem:
-    """Adjoints of several goals at one state; its tangent is factorised once."""
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A solution of the tangent problem with contact rows that are held, and those not.
 
-    def __init__(self, bound_data: BoundData, state: State, P: np.ndarray) -> None:
+    ``z`` (nodes, N) are displacements, ``forces`` (rows,) what the rows do to them.
+    """
+
+    z: np.ndarray
+    forces: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The adjoint of a goal without conditions on open rows.
+
+    ``forces`` are those of the goal less what the motion ``lift`` of supports does, ``wanted`` the
+    values of the rows, ``base`` the solution with those that press.
+    """
+
+    goal: GoalTerms
+    forces: np.ndarray
+    lift: np.ndarray
+    wanted: np.ndarray
+    base: Held
+
+
+class AdjointProblem:
+    """Adjoints of goals around one state.
+
+    ``tangent`` are factors at the state, or near it, ``search`` what found the stress of the bound;
+    both are made where they are missing.
+    """
+
+    def __init__(
+        self,
+        bound_data: BoundData,
+        state: State,
+        P: np.ndarray,
+        tangent: Factors | None = None,
+        search: Any = None,
+    ) -> None:
         self.bound_data = bound_data
         self.state = state
         self.P = P
-        self.tangent = Factors(bound_data.discrete, "sparsecholesky")
-        self.tangent.update(state.with_radial_return().moduli)
+        if tangent is None:
+            tangent = Factors(bound_data.discrete, "sparsecholesky")
+        factorise(state.with_radial_return(), tangent)
+        self.tangent = tangent
         N = bound_data.cells.N
         self.slack = bound_data.contact.slack(state.u)
         self.slack[:, :N] = np.maximum(self.slack[:, :N], 0.0)
         rows = bound_data.discrete.rows
         self._rows = rows.normal.tocsr()
-        self._answers: dict[int, np.ndarray] = {}
+        count = len(rows)
+        stiffness = bound_data.discrete.row_stiffness[:count]
+        self._compliance = Compliance(1 / stiffness)
         self._lower: AdjointProblem | None = None
         if bound_data.lower is not None:
             self._lower = AdjointProblem(bound_data.lower, bound_data.lower_state, P)
+        elif search is None:
+            search = bound_data.search(state)
+        self._search = search
 
-    def _answer(self, row: int) -> np.ndarray:
-        """Displacements under a unit force of a row, (nodes N,)."""
-        if row not in self._answers:
-            force = self._rows[row].toarray().reshape(-1, self.bound_data.cells.N)
-            self._answers[row] = self.tangent.solve(force).ravel()
-        return self._answers[row]
+    def held(self, start: Held, chosen: np.ndarray, values: np.ndarray) -> Held:
+        """``start`` with other forces of the ``chosen`` rows (as booleans), which have ``values``.
 
-    def held(
-        self, forces: np.ndarray, chosen: np.ndarray, values: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements (nodes, N) under nodal forces with prescribed rows, and their reactions."""
-        z = self.tangent.solve(forces).ravel()
-        mu = np.zeros(len(values))
-        if len(chosen):
-            answers = np.stack([self._answer(row) for row in chosen.tolist()], axis=1)
-            matrix = self._rows[chosen] @ answers
-            missing = self._rows[chosen] @ z - values[chosen]
-            mu[chosen] = np.linalg.solve(matrix, missing)
-            z = z - answers @ mu[chosen]
-        return z.reshape(forces.shape), mu
+        The compliance of the rows is learned from each product with it, see ``secants``.
+        """
+        z = start.z
+        forces = start.forces
+        places = np.flatnonzero(chosen)
+        if not len(places):
+            return start
+        block = None
+        for _ in range(len(places) + 3):
+            off = self._rows[places] @ z.ravel() - values[places]
+            size = max(np.abs(z).max(), np.abs(values).max())
+            if np.abs(off).max() <= HELD * size:
+                break
+            block = self._compliance.block(places)
+            change = np.zeros(len(forces))
+            change[places] = np.linalg.solve(block, off)
+            answer = self.tangent.solve((self._rows.T @ change).reshape(z.shape))
+            if not self._compliance.learn(change, self._rows @ answer.ravel()):
+                self._compliance.restart()
+                self._compliance.learn(change, self._rows @ answer.ravel())
+            z = z - answer
+            forces = forces + change
+        return Held(z, forces)
 
-    def of(self, goal: GoalTerms, factor: float) -> Adjoint:
-        """The pair computed for lambda = ``factor``; it is admissible for lambda >= ``least``."""
-        bound_data = self.bound_data
-        discrete = bound_data.discrete
-        forces = goal.forces(bound_data)
+    def start(self, goal: GoalTerms) -> Start:
+        """The adjoint of a goal without conditions on open rows, for all lambda."""
+        discrete = self.bound_data.discrete
+        forces = goal.forces(self.bound_data)
         lift = np.zeros_like(forces) if goal.motion is None else goal.motion
         if goal.motion is not None:
             strain = discrete.points.strain(lift)
             pulled = discrete.points.forces(*self.tangent.moduli.stress(*strain))
             forces = forces - pulled
         wanted = self.of_rows(goal) - self._rows @ lift.ravel()
-        z = self._steered(forces, wanted, factor) + lift
+        return Start(goal, forces, lift, wanted, self.pressed_rows(forces, wanted))
+
+    def pressed_rows(self, forces: np.ndarray, wanted: np.ndarray) -> Held:
+        """The solution for forces (nodes, N) with values of the active rows alone."""
+        free = Held(self.tangent.solve(forces), np.zeros(len(wanted)))
+        return self.held(free, self.presses, wanted)
+
+    def energy(self, start: Start) -> float:
+        """Half the energy of the adjoint without conditions on open rows, in the tangent's law."""
+        points = self.bound_data.discrete.points
+        trace, deviator = points.strain(start.base.z + start.lift)
+        mean, stress = self.tangent.moduli.stress(trace, deviator)
+        return points.integral(mean * trace + dots(stress, deviator)) / 2
+
+    def of(self, start: Start, factor: float) -> Adjoint:
+        """An admissible pair for lambda >= ``least``, made for the ``factor`` lambda."""
+        bound_data = self.bound_data
+        goal = start.goal
+        z = self._steered(start.base, start.wanted, factor) + start.lift
         if self._lower is not None:
-            of_lower = self._lower.of(goal.lower, factor)
+            of_lower = self._lower.of(self._lower.start(goal.lower), factor)
             z, least = self.repaired(goal, z, factor)
             energy = bound_data.missed_energy(
                 self.state, self.tangent, z, of_lower.stress
             )
             return replace(of_lower, z=z, energy=energy, least=least)
-        pi = self._pressed(forces, wanted, factor)
+        pi = self._pressed(start, factor)
         pi = np.clip(pi, -factor * self.P, factor * self.P)
         z, least = self.repaired(goal, z, factor)
-        stress, energy = self.balanced_stress(goal, forces, lift, z, pi)
+        stress, energy = self.balanced_stress(start, z, pi)
         return Adjoint(z, stress, pi, energy, least)
+
+    def admits(self, goal: GoalTerms, adjoint: Adjoint, factor: float) -> bool:
+        """Whether the conditions hold for another lambda."""
+        if factor >= adjoint.least:
+            return True
+        if (np.abs(adjoint.pressure) > factor * self.P).any():
+            return False
+        return math.isfinite(self.least(goal, adjoint.z, factor))
 
     @cached_property
     def presses(self) -> np.ndarray:
@@ -117,45 +199,39 @@ class AdjointProblem:
         multipliers = self.state.multipliers
         return multipliers > TOUCHES * max(multipliers.max(initial=0.0), 1e-300)
 
-    def _steered(
-        self, forces: np.ndarray, wanted: np.ndarray, factor: float
-    ) -> np.ndarray:
-        """z with prescribed values at the rows that are active or violate the conditions."""
-        count = len(wanted)
-        gap = np.maximum(self.state.gaps[:count], 0.0)
+    def _steered(self, found: Held, wanted: np.ndarray, factor: float) -> np.ndarray:
+        """z with the rows held that have a pressure or violate the conditions."""
+        gap = np.maximum(self.state.gaps[: len(wanted)], 0.0)
         chosen = self.presses.copy()
         values = wanted.copy()
-        z = np.zeros_like(forces)
         for _ in range(HOLDS):
-            z, _ = self.held(forces, np.flatnonzero(chosen), values)
-            mismatch = wanted - self._rows @ z.ravel()
+            mismatch = wanted - self._rows @ found.z.ravel()
             most = factor * gap * (1 + ROUNDING)
             more = ~chosen & (np.abs(mismatch) > most + ROUNDING * np.abs(wanted))
             if not more.any():
                 break
             values[more] = (wanted - np.sign(mismatch) * factor * gap)[more]
             chosen |= more
-        return z
+            found = self.held(found, chosen, values)
+        return found.z
 
-    def _pressed(
-        self, forces: np.ndarray, wanted: np.ndarray, factor: float
-    ) -> np.ndarray:
-        """The pressure pi at the vertices of facets, from reactions of at most lambda P."""
+    def _pressed(self, start: Start, factor: float) -> np.ndarray:
+        """Pi at the vertices of facets: rows that press hold, with forces at most lambda P."""
         most = factor * self.state.multipliers
-        given = np.zeros_like(wanted)
-        fixed = np.zeros(len(wanted), dtype=bool)
-        mu = given
+        fixed = np.zeros(len(start.wanted), dtype=bool)
+        found = start.base
         for _ in range(HOLDS):
-            pushed = (self._rows.T @ given).reshape(forces.shape)
-            free = self.presses & ~fixed
-            _, mu = self.held(forces - pushed, np.flatnonzero(free), wanted)
-            mu = np.where(fixed, given, mu)
-            more = free & (np.abs(mu) > most * (1 + ROUNDING))
+            mu = found.forces
+            more = self.presses & ~fixed & (np.abs(mu) > most * (1 + ROUNDING))
             if not more.any():
                 break
-            given = np.where(more, np.clip(mu, -most, most), given)
             fixed |= more
-        return self.bound_data.contact.stresses(mu)
+            change = np.where(more, np.clip(mu, -most, most) - mu, 0.0)
+            answer = self.tangent.solve((self._rows.T @ change).reshape(found.z.shape))
+            self._compliance.learn(change, self._rows @ answer.ravel())
+            found = Held(found.z - answer, mu + change)
+            found = self.held(found, self.presses & ~fixed, start.wanted)
+        return self.bound_data.contact.stresses(found.forces)
 
     def of_rows(self, goal: GoalTerms) -> np.ndarray:
         """The number c at each row: the largest of the facets around it."""
@@ -167,14 +243,10 @@ class AdjointProblem:
         return at_nodes[rows.nodes]
 
     def balanced_stress(
-        self,
-        goal: GoalTerms,
-        forces: np.ndarray,
-        lift: np.ndarray,
-        z: np.ndarray,
-        pi: np.ndarray,
+        self, start: Start, z: np.ndarray, pi: np.ndarray
     ) -> tuple[np.ndarray, float]:
-        """The best stress for z among those in equilibrium with the goal's load and pi."""
+        """The stress in equilibrium with the goal's load and the pressure pi that is best for z."""
+        goal = start.goal
         bound_data = self.bound_data
         discrete = bound_data.discrete
         contact = bound_data.contact
@@ -183,16 +255,18 @@ class AdjointProblem:
         N = bound_data.cells.N
         pushed = contact.moments(pi[:, :, None] * contact.normal[:, None])
         moments[bound_data.boundary.contact] -= pushed[:, :N]
-        forces = forces.copy()
+        forces = start.forces.copy()
         np.subtract.at(forces, contact.nodes, pushed)
         other = copy(bound_data)
         other.carried = carried
-        near = self.tangent.solve(forces) + lift
+        near = self.tangent.solve(forces) + start.lift
         other.patches = copy(bound_data.patches)
         length = bound_data.cells.measure.max() ** (1 / (N - 1))
         stiff = discrete.law.bulk.max() * length ** (N - 2)
         other.patches.smallest = UNMOVED * stiff * np.abs(near).max(initial=0.0)
-        return other.adjoint_stress(self.state, self.tangent, near, z, moments)
+        return other.adjoint_stress(
+            self.state, self.tangent, self._search, near, z, moments
+        )
 
     def repaired(
         self, goal: GoalTerms, z: np.ndarray, factor: float

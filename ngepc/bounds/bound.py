@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from ngsolve import L2, GridFunction
@@ -222,10 +223,17 @@ def bound_data_of(discrete: DiscreteProblem) -> BoundData:
 
 def bound_of_state(bound_data: BoundData, given: State, tangent: Factors) -> ErrorBound:
     """The bound for a state on the mesh of the data; ``tangent`` may be that of an earlier one."""
+    return bound_and_search(bound_data, given, tangent)[0]
+
+
+def bound_and_search(
+    bound_data: BoundData, given: State, tangent: Factors
+) -> tuple[ErrorBound, Any]:
+    """The same, and the solver that found the stress, see ``BestStress``."""
     contact = bound_data.contact
     state, moved = feasible_state(bound_data, given)
     algebraic = algebraic_part(bound_data, state, tangent)
-    z, at_points, P = bound_data.best_stress(
+    z, at_points, P, search = bound_data.best_stress(
         state, tangent, contact.pressure(state.multipliers)
     )
     gaps = bound_data.at_nodes.integrals(
@@ -246,7 +254,8 @@ def bound_of_state(bound_data: BoundData, given: State, tangent: Factors) -> Err
     total = float(whole.sum())
     energy = bound_data.energy(state)
     oscillation = total - float(gaps.sum())
-    return ErrorBound(state, energy, total, algebraic, whole, z, P, moved, oscillation)
+    found = (energy, total, algebraic, whole, z, P, moved, oscillation)
+    return ErrorBound(state, *found), search
 
 
 def algebraic_part(bound_data: BoundData, state: State, tangent: Factors) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,18 +51,28 @@ class Effort:
     steps: int = 12
 
 
+class BestStress(NamedTuple):
+    """An admissible stress for which the bound is small.
+
+    ``nodal`` are coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2, c),
+    ``at_points`` those at the points of ``BoundData.strain``, ``pressure`` (contact facets, N) is
+    the P that goes with it.  ``search`` is the solver that found it, for stresses of adjoints.
+    """
+
+    nodal: np.ndarray
+    at_points: np.ndarray
+    pressure: np.ndarray
+    search: Any
+
+
 class BoundData:
     """Geometry, data and spaces of a discrete problem.
 
-    ``conjugate`` and ``at_nodes`` are phi* at the integration points and at the nodes of the parts
-    of each cell; ``weights`` are the weights of the points.  ValueError for problems that no bound
-    covers.
-
-    Subclasses have ``best_stress(state, tangent, P)``, which searches an admissible stress with a
-    small bound near a state.  ``tangent`` belongs to a state nearby (or has no factors yet), and P
-    (contact facets, N) is the contact pressure to start from.  It returns the stress as coordinates
-    at the vertices of the N + 1 parts of each cell (nt, (N + 1)^2, c), the same at the points of
-    ``strain``, and its contact pressure.
+    ``conjugate`` and ``at_nodes`` are phi* at the points and at the nodes of the parts of each
+    cell, ``weights`` those of the points at which stresses are integrated.  ValueError for problems
+    that no bound covers.  Subclasses have ``best_stress(state, tangent, P)``: a ``BestStress``
+    near a state, by a tangent of a state near it (or without factors), from the contact pressure P
+    (contact facets, N).
     """
 
     weights = np.ones(1)

@@ -23,16 +23,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from ngsolve import L2, GridFunction
 
-from ngepc.bounds.adjoint import Adjoint, AdjointProblem
-from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state, state_of
+from ngepc.bounds.adjoint import Adjoint, AdjointProblem, Start
+from ngepc.bounds.bound import ErrorBound, bound_and_search, bound_data_of, state_of
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_terms import GoalTerms, terms_of
-from ngepc.bounds.integrand import Integrand, integrand_of
+from ngepc.bounds.integrand import BoundPart, Integrand, VaryingIntegrand
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import at_most_percent, outward
 from ngepc.discretisation.factors import Factors
@@ -43,19 +44,19 @@ from ngepc.model.features import require_covered
 COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
 """Features that goal bounds cover."""
 
-STEP = 1.6
-"""Factor between the lambdas that are tried."""
-TRIES = 8
-FURTHER = 1.3
-"""Factor between the lambdas for which adjoints are computed anew."""
-REBUILDS = 3
-WORTH = 0.01
-"""Another adjoint must reduce the width by this fraction."""
+STEP = 1.3
+"""Factor between the lambdas that are tried for one adjoint."""
+TRIES = 20
+BELOW = 0.75
+ABOVE = 1.3
+"""An adjoint is kept if the best lambda over its own one is expected to be between these."""
+REBUILDS = 2
 LARGEST = 1e12
-FIRST = 1.2
-"""The first lambda, in units of the goal over twice the strain energy.
+FIRST = 1.1
+"""The first lambda over (E_z/E)^(1/2) (E/B)^(1/3), with the energies of adjoint and result.
 
-Usually it is below the best lambda, so that larger ones are tried.
+The third power of the best one is 2 A lambda/B, see ``GoalProblem``, and A lambda mostly is about
+E_z (E_z/E)^(1/2).
 """
 
 
@@ -181,24 +182,29 @@ def goal_bound(result: object, goal: object) -> GoalBound:
 
 
 class GoalProblem:
-    """A result with its error bound, for several goals."""
+    """A result with its error bound, for several goals, which share factors and stresses."""
 
     def __init__(self, result: ExactResult) -> None:
         require_covered(result.problem, "a goal bound", COVERS)
         bound_data = bound_data_of(result.discrete)
         tangent = Factors(bound_data.discrete, "sparsecholesky")
         state = state_of(bound_data.discrete, result)
-        self._take(bound_data, bound_of_state(bound_data, state, tangent))
+        bound, search = bound_and_search(bound_data, state, tangent)
+        self._take(bound_data, bound, tangent, search)
 
     @classmethod
-    def of_bound(cls, bound_data: BoundData, bound: ErrorBound) -> GoalProblem:
-        """The same from an error bound and its data."""
+    def of_bound(
+        cls, bound_data: BoundData, bound: ErrorBound, tangent: Factors, search: Any
+    ) -> GoalProblem:
+        """The same from the results of ``bound_and_search`` and the factors that it used."""
         made = cls.__new__(cls)
         require_covered(bound_data.problem, "a goal bound", COVERS)
-        made._take(bound_data, bound)
+        made._take(bound_data, bound, tangent, search)
         return made
 
-    def _take(self, bound_data: BoundData, bound: ErrorBound) -> None:
+    def _take(
+        self, bound_data: BoundData, bound: ErrorBound, tangent: Factors, search: Any
+    ) -> None:
         if bound_data.carried.left.any():
             names = " and ".join(
                 name
@@ -211,7 +217,10 @@ class GoalProblem:
             )
         self.bound_data = bound_data
         self.bound = bound
-        self._adjoints = AdjointProblem(bound_data, bound.state, bound.pressure)
+        self._adjoints = AdjointProblem(
+            bound_data, bound.state, bound.pressure, tangent, search
+        )
+        self._of_bound = BoundPart(bound_data, bound)
 
     def bound_of(self, goal: object, near: float | None = None) -> GoalBound:
         """The interval of a goal; ``near`` is a guess of lambda, such as that of the last mesh."""
@@ -223,61 +232,68 @@ class GoalProblem:
             raise ValueError(
                 "result: a goal bound needs a deformed body, all strains are zero"
             )
-        scale = abs(discrete)
-        if terms.motion is not None:
-            scale = max(scale, np.abs(self.bound.state.internal_forces).max())
-        first = FIRST * (scale or 1.0) / (2 * energy)
-        best = self._best(terms, first, near)
+        start = self._adjoints.start(terms)
+        first = FIRST * math.sqrt(self._adjoints.energy(start) / energy) or 1.0
+        first *= (energy / max(self.bound.total, 1e-12 * energy)) ** (1 / 3)
+        best = self._best(start, first if near is None else near)
         return self._interval(terms, best, discrete)
 
-    def _best(self, terms: GoalTerms, first: float, near: float | None) -> Candidate:
-        """The best lambda and adjoint, from a small lambda or one near the best."""
-        if not len(self.bound_data.contact.nodes):
-            return self._climbed(terms, first)  # one adjoint for all lambdas
-        if near is not None:
-            return self._followed(terms, self._candidate(terms, near))
-        best = self._climbed(terms, first)
-        if best.factor > best.adjoint.least:
-            best = min(best, self._candidate(terms, best.factor), key=_width)
-        return self._followed(terms, best)
+    def _best(self, start: Start, factor: float) -> Candidate:
+        """The best lambda and its adjoint, from a lambda near the best.
 
-    def _followed(self, terms: GoalTerms, best: Candidate) -> Candidate:
-        """Search larger lambdas, then smaller ones; compute a new adjoint for each of them."""
-        for ratio in (FURTHER, 1 / FURTHER):
-            found = best
-            for _ in range(REBUILDS):
-                trial = self._candidate(terms, ratio * found.factor)
-                if trial.width >= (1 - WORTH) * found.width:
-                    break
-                found = trial
-            if found is not best:
-                return found
-        return best
+        Of one adjoint the error A does not depend on lambda, and the width is about A/lambda +
+        lambda B.  The cuts at the edges of contact, which are made for a lambda, mostly rule A: it
+        falls like 1/lambda.  So 2 A lambda/B is the third power of the best one.
+        """
+        best = found = self._candidate(start, factor)
+        error = self.bound.total
+        if not (found.adjoint.energy > 0 and error > 0):
+            return self._climbed(start, best)
+        if not self._adjoints.presses.any():
+            wanted = math.sqrt(found.adjoint.energy / error)
+            if self._adjoints.admits(start.goal, found.adjoint, wanted):
+                width = found.integrand.estimate(wanted)
+                best = replace(found, factor=wanted, width=width)
+            return self._climbed(start, best)
+        for _ in range(REBUILDS):
+            made = found.factor
+            wanted = (2 * found.adjoint.energy * made / error) ** (1 / 3)
+            if BELOW <= wanted / made <= ABOVE:
+                break
+            found = self._candidate(start, wanted)
+            if found.width < best.width:
+                best = found
+            if found.factor > ABOVE * wanted:
+                break  # smaller ones cannot be kept
+        return self._climbed(start, best)
 
-    def _climbed(self, terms: GoalTerms, factor: float) -> Candidate:
-        """The best lambda for one adjoint, computed for ``factor`` or the next admissible one."""
-        found = self._candidate(terms, factor)
+    def _climbed(self, start: Start, found: Candidate) -> Candidate:
+        """A candidate with the best lambda that its adjoint admits."""
         factor = found.factor
         width = found.width
-        for _ in range(TRIES):
-            trial = found.integrand.estimate(STEP * factor)
-            if trial >= width:
-                break
-            factor *= STEP
-            width = trial
+        for step in (STEP, 1 / STEP):
+            for _ in range(TRIES):
+                following = step * factor
+                if not self._adjoints.admits(start.goal, found.adjoint, following):
+                    break
+                trial = found.integrand.estimate(following)
+                if trial >= width:
+                    break
+                factor = following
+                width = trial
         return replace(found, factor=factor, width=width)
 
-    def _candidate(self, terms: GoalTerms, factor: float) -> Candidate:
-        """The adjoint for a lambda, or for the next larger one that is admissible."""
-        adjoint = self._adjoints.of(terms, factor)
+    def _candidate(self, start: Start, factor: float) -> Candidate:
+        """The adjoint that is made for a lambda, or for a larger one."""
+        adjoint = self._adjoints.of(start, factor)
         while not math.isfinite(adjoint.least):
             factor *= 8
             if factor > LARGEST:
                 raise RuntimeError(
-                    f"goal={terms.name}: a support holds a vertex that touches the obstacle"
+                    f"goal={start.goal.name}: a support holds a vertex that touches the obstacle"
                 )
-            adjoint = self._adjoints.of(terms, factor)
-        integrand = integrand_of(self.bound_data, self.bound, adjoint)
+            adjoint = self._adjoints.of(start, factor)
+        integrand = self._of_bound.integrand(adjoint)
         return Candidate(adjoint, integrand, factor, integrand.estimate(factor))
 
     def _interval(
@@ -313,10 +329,6 @@ class Candidate:
     """An adjoint, the best lambda for it, and an estimate of the width of the interval."""
 
     adjoint: Adjoint
-    integrand: Integrand
+    integrand: Integrand | VaryingIntegrand
     factor: float
     width: float
-
-
-def _width(candidate: Candidate) -> float:
-    return candidate.width

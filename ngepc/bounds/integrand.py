@@ -1,9 +1,10 @@
 """Integrals of the supremum of a goal over the cells: quadrature, and bounds from above.
 
-For displacements of order one strains are constant on a cell, and the supremum is convex in the
-stresses, which are affine on the parts of the cell: on each part the mean is at most the mean of
-the values at its vertices.  Where the supremum is quadratic on a part, a rule of degree two is
-exact.  Parts are cut where bound and quadrature differ most.
+For displacements of order one strains are constant on a cell, and the Phi of ``supremum`` is convex
+in the stresses, which are affine on the parts of the cell: on each part its mean is at most the
+mean of its values at the vertices.  Where it is a quadratic on a part it is integrated exactly.
+Parts are cut where bounds differ most from a rule of degree two.  The rest of the supremum is
+affine, or a quadratic.
 
 For order two strains are affine too: ``ngepc.bounds.varying``.
 """
@@ -11,6 +12,7 @@ For order two strains are affine too: ``ngepc.bounds.varying``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +20,17 @@ from ngepc.bounds.adjoint import Adjoint
 from ngepc.bounds.bound import ErrorBound
 from ngepc.bounds.conjugate import R6
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.parts import NODES, RULE, SPLIT, TO_NODES, WEIGHTS, coefficients
-from ngepc.bounds.supremum import PointData, Stresses, kept_part, suprema
+from ngepc.bounds.parts import (
+    NODES,
+    RULE,
+    SPLIT,
+    TO_NODES,
+    WEIGHTS,
+    coefficients,
+    square_integrals,
+    worth_keeping,
+)
+from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots, kept_part
 from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
 from ngepc.discretisation.law import Law
 from ngepc.local.system import State
@@ -44,14 +55,80 @@ CORNER_WEIGHTS = {3: np.zeros(3), 4: np.full(4, -1 / 20)}
 """Weights of rules of degree two at the middles of the edges and at the corners."""
 
 
+SAMPLED = 1000
+"""Cells on which integrals for the choice of lambda are computed; the rest is known from others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """What the supremum of one sign and one lambda is made of, on parts of cells.
+
+    ``pulled`` (parts, k, d) are q/(2 mu_2), ``w`` (parts, 1, d) and ``law`` those of ``supremum``;
+    ``rest`` (parts,) is the integral of all but Phi over each part.
+    """
+
+    pulled: np.ndarray
+    w: np.ndarray
+    law: ScaledLaw
+    rest: np.ndarray
+    volume: np.ndarray
+    cell: np.ndarray
+
+    def estimate(self) -> np.ndarray:
+        """Integrals over the parts by a rule, (parts,)."""
+        k = self.pulled.shape[1]
+        found, _ = self.law.potential(np.matmul(RULE[k], self.pulled), self.w)
+        return self.volume * (found @ WEIGHTS[k]) + self.rest
+
+    def bounds(self, count: int) -> np.ndarray:
+        """Integrals over ``count`` cells from above."""
+        corners, inside = self.law.potential(self.pulled, self.w)
+        smooth = inside.all(axis=1)
+        exact = self.law.quadratic(self.pulled, self.w, self.volume)
+        known = self.rest + np.where(smooth, exact, 0.0)
+        result = np.bincount(self.cell, known, minlength=count)
+
+        left = ~smooth
+        k = self.pulled.shape[1]
+        pulled = self.pulled[left]
+        w = self.w[left]
+        law = self.law.of_points(left)
+        volume = self.volume[left]
+        cell = self.cell[left]
+        corners = corners[left]
+        for level in range(SPLITS[k] + 1):
+            middles, _ = law.potential(MIDDLE[k] @ pulled, w)
+            estimate = middles @ MIDDLE_WEIGHTS[k] + corners @ CORNER_WEIGHTS[k]
+            estimate = volume * estimate
+            bound = volume * corners.mean(axis=1)
+            total = float(result.sum() + estimate.sum())
+            kept = worth_keeping(bound - estimate, WORTH * total)
+            if level == SPLITS[k]:
+                kept[:] = True
+            result += np.bincount(cell[kept], bound[kept], minlength=count)
+            if kept.all():
+                break
+            cut = ~kept
+            parts = len(SPLIT[k])
+            nodes = np.concatenate([corners[cut], middles[cut]], axis=1)
+            corners = nodes[:, CHILDREN[k]].reshape(-1, k)
+            children = SPLIT[k] @ pulled[cut][:, None]
+            pulled = children.reshape(-1, *pulled.shape[1:])
+            w = np.repeat(w[cut], parts, axis=0)
+            law = law.of_points(cut).repeated(parts)
+            volume = np.repeat(volume[cut] / parts, parts)
+            cell = np.repeat(cell[cut], parts)
+        return np.maximum(result, 0.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Integrand:
     """The supremum over the parts of the cells.
 
-    ``tau`` and ``sigma`` (parts, k, 1 + d) are the coefficients of the stresses on the parts: mean,
-    then deviator.  ``data`` and ``strain`` are constant on each part.  ``cell`` and ``volume``
-    (parts,) are the cell and the volume of each part.  ``opened`` is int P^ gap_h, ``residual`` is
-    minus the integral of s(eps_h) : eps(z).
+    ``tau`` and ``sigma`` (parts, k, 1 + d) are coefficients of stresses on the parts: mean, then
+    deviator; ``data`` and ``strain`` are constant on each part; ``cell`` and ``volume``
+    (parts,) say where a part is; ``opened`` is int P^ gap_h, ``residual`` minus the integral of
+    s(eps_h) : eps(z); ``sample`` are parts for the choice of lambda and how many each stands for.
     """
 
     tau: np.ndarray
@@ -60,88 +137,68 @@ class Integrand:
     strain: Stresses
     cell: np.ndarray
     volume: np.ndarray
-    opened: float
     residual: float
+    opened: float
+    sample: tuple[np.ndarray, np.ndarray]
 
-    @property
-    def k(self) -> int:
-        """Coefficients on each part."""
-        return self.tau.shape[1]
+    def side(
+        self, sign: float, factor: float, chosen: slice | np.ndarray = slice(None)
+    ) -> Side:
+        """What the supremum is made of for a sign and lambda, on some of the parts."""
+        data = self.data.of(chosen)
+        strain = self.strain.of(chosen)
+        tau = sign * self.tau[chosen]
+        sigma = self.sigma[chosen]
+        volume = self.volume[chosen]
+        two_mu = data.two_mu[:, None]
+        e = sign * strain.deviator
+        pulled = tau[..., 1:] + factor * (sigma[..., 1:] - data.back[:, None])
+        pulled /= two_mu[:, None]
+        w = factor / two_mu * data.trial - e
 
-    def _at(
-        self,
-        table: np.ndarray,
-        tau: np.ndarray,
-        sigma: np.ndarray,
-        row: np.ndarray,
-        sign: float,
-        factor: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Suprema at points of parts (parts, points), and whether they are smooth there."""
-        count = len(table)
-        where = np.repeat(row, count)
-        tau = sign * np.matmul(table, tau).reshape(len(where), -1)
-        sigma = np.matmul(table, sigma).reshape(len(where), -1)
-        strain = self.strain.of(where)
-        strain = strain if sign > 0 else -strain
-        values, smooth = suprema(
-            self.data.of(where),
-            Stresses(tau[:, 0], tau[:, 1:]),
-            Stresses(sigma[:, 0], sigma[:, 1:]),
-            strain,
-            factor,
+        # the part by mean stresses is a square
+        own = data.bulk * (sign * strain.mean + factor * data.volume)
+        mean = tau[..., 0] + factor * sigma[..., 0] - own[:, None]
+        rest = square_integrals(mean[..., None], volume) / (4 * factor * data.bulk)
+        affine = dots(data.stress - data.back, e) - dots(
+            pulled.mean(axis=1), data.trial
         )
-        return values.reshape(-1, count), smooth.reshape(-1, count)
+        rest += volume * affine
+        law = ScaledLaw.of(data.two_mu, data.hardening, data.beta, factor)
+        return Side(pulled, w[:, None], law, rest, volume, self.cell[chosen])
 
     def estimate(self, factor: float) -> float:
-        """About the width for a factor, by a rule."""
-        row = np.arange(len(self.tau))
+        """About the width for a factor, by a rule on some of the cells."""
+        rows, weights = self.sample
         total = 2 * factor * self.opened
         for sign in (1.0, -1.0):
-            found, _ = self._at(RULE[self.k], self.tau, self.sigma, row, sign, factor)
-            total += float(self.volume @ (found @ WEIGHTS[self.k]))
+            total += float(self.side(sign, factor, rows).estimate() @ weights)
         return total
 
     def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
         """Integrals over the cells for tau and for -tau, from above."""
-        return self._bounds(1.0, factor), self._bounds(-1.0, factor)
+        count = int(self.cell.max()) + 1
+        return (
+            self.side(1.0, factor).bounds(count),
+            self.side(-1.0, factor).bounds(count),
+        )
 
-    def _bounds(self, sign: float, factor: float) -> np.ndarray:
-        result = np.zeros(int(self.cell.max()) + 1)
-        count = len(result)
-        k = self.k
-        tau = self.tau
-        sigma = self.sigma
-        row = np.arange(len(tau))
-        volume = self.volume
-        corners, inside = self._at(np.eye(k), tau, sigma, row, sign, factor)
-        for level in range(SPLITS[k] + 1):
-            middles, _ = self._at(MIDDLE[k], tau, sigma, row, sign, factor)
-            estimate = volume * (
-                middles @ MIDDLE_WEIGHTS[k] + corners @ CORNER_WEIGHTS[k]
-            )
-            bound = volume * corners.mean(axis=1)
-            smooth = inside.all(axis=1)
-            bound = np.maximum(np.where(smooth, estimate, bound), 0.0)
-            gain = np.maximum(bound - estimate, 0.0)
-            allowed = WORTH * max(result.sum() + estimate.sum(), 0.0)
-            order = np.argsort(gain)
-            kept = np.full(len(gain), level == SPLITS[k])
-            kept[order[np.cumsum(gain[order]) <= allowed / 2]] = True
-            result += np.bincount(self.cell[row[kept]], bound[kept], minlength=count)
-            if kept.all():
-                break
-            cut = ~kept
-            parts = len(SPLIT[k])
-            table = SPLIT[k].reshape(-1, k)
-            nodes = np.concatenate([corners[cut], middles[cut]], axis=1)
-            corners = nodes[:, CHILDREN[k]].reshape(-1, k)
-            tau = np.matmul(table, tau[cut]).reshape(-1, k, tau.shape[2])
-            sigma = np.matmul(table, sigma[cut]).reshape(-1, k, sigma.shape[2])
-            row = np.repeat(row[cut], parts)
-            volume = np.repeat(volume[cut] / parts, parts)
-            inside = np.zeros((len(row), 1), dtype=bool)
-        return result
+
+def sampled(per_cell: np.ndarray, parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Parts of the cells with the largest indicators and of a few others, and their weights.
+
+    Of the others, in the order of their indicators, every so many are taken.
+    """
+    order = np.argsort(-per_cell, kind="stable")
+    first = order[: SAMPLED // 2]
+    rest = order[SAMPLED // 2 :]
+    stride = max(1, -(-len(rest) // (SAMPLED // 2)))
+    few = rest[stride // 2 :: stride]
+    cells = np.append(first, few)
+    share = len(rest) / max(len(few), 1)
+    weights = np.append(np.ones(len(first)), np.full(len(few), share))
+    rows = (parts * cells[:, None] + np.arange(parts)).ravel()
+    return rows, np.repeat(weights, parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,14 +207,17 @@ class VaryingIntegrand:
 
     data: VaryingData
     cells: int
-    opened: float
     residual: float
+    opened: float
+    sample: tuple[np.ndarray, np.ndarray]
 
     def estimate(self, factor: float) -> float:
-        """About the width for a factor, by a rule."""
+        """About the width for a factor, by a rule on some of the cells."""
+        rows, weights = self.sample
+        some = self.data.of(rows)
         total = 2 * factor * self.opened
-        for data in (self.data, self.data.turned()):
-            total += float(estimated_integrals(data, factor).sum())
+        for data in (some, some.turned()):
+            total += float(estimated_integrals(data, factor) @ weights)
         return total
 
     def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
@@ -167,39 +227,57 @@ class VaryingIntegrand:
         return above, below
 
 
-def integrand_of(
-    bound_data: BoundData, bound: ErrorBound, adjoint: Adjoint
-) -> Integrand | VaryingIntegrand:
-    """The integrand for an error bound and an adjoint."""
-    state = bound.state
-    discrete = bound_data.discrete
-    law = discrete.law
-    points = discrete.points
-    cells = len(bound_data.cells.nodes)
-    k = NODES[bound.admissible.shape[1]]
-    parts = bound.admissible.shape[1] // k
-    trace, deviator = points.strain(adjoint.z)
-    moduli = state.with_radial_return().moduli
-    at = bound_data.at_nodes.completed(bound.admissible)
-    sigma = np.concatenate([at.mean[..., None], at.deviator], axis=-1)
-    wanted = np.column_stack(moduli.stress(trace, deviator))
-    wanted = on_nodes(bound_data, wanted)
-    tau = completed_near(adjoint.stress, wanted, law, bound_data.each)
-    if k == 6:
-        tau, sigma = (coefficients(v.reshape(cells, 3, 6, -1)) for v in (tau, sigma))
-    opened = float(bound_data.contact.opening(state.u, bound.pressure).sum())
-    owner = np.repeat(np.arange(cells), parts)
-    volume = np.repeat(bound_data.cells.volume / parts, parts)
-    tau = tau.reshape(cells * parts, k, -1)
-    sigma = sigma.reshape(cells * parts, k, -1)
-    if bound_data.each > 1:
-        strain = trace[:, None], deviator
-        data = varying_data(bound_data, state, (tau, sigma), strain, (volume, owner))
-        residual = -float(data.work() @ volume)
-        return VaryingIntegrand(data, cells, opened, residual)
-    data, strain = point_data(bound_data, state, trace, deviator, parts)
-    residual = -float(_work(data, strain) @ volume)
-    return Integrand(tau, sigma, data, strain, owner, volume, opened, residual)
+class BoundPart:
+    """What the suprema of all goals of one error bound share."""
+
+    def __init__(self, bound_data: BoundData, bound: ErrorBound) -> None:
+        self._bound_data = bound_data
+        self._state = state = bound.state
+        self._cells = len(bound_data.cells.nodes)
+        self._k = NODES[bound.admissible.shape[1]]
+        parts = bound.admissible.shape[1] // self._k
+        self._moduli = state.with_radial_return().moduli
+        at = bound_data.at_nodes.completed(bound.admissible)
+        sigma = np.concatenate([at.mean[..., None], at.deviator], axis=-1)
+        self._sigma = self._on_parts(sigma)
+        opened = bound_data.contact.opening(state.u, bound.pressure)
+        self._opened = float(opened.sum())
+        owner = np.repeat(np.arange(self._cells), parts)
+        volume = np.repeat(bound_data.cells.volume / parts, parts)
+        self._parts = volume, owner
+        self._sample = sampled(bound.per_cell, parts)
+        self._data: Any = None
+        if bound_data.each == 1:
+            self._data = point_data(bound_data, state, parts)
+
+    def _on_parts(self, stress: np.ndarray) -> np.ndarray:
+        """Coefficients on the parts of stresses at the nodes, (parts, k, 1 + d)."""
+        k = self._k
+        stress = stress.reshape(-1, k, stress.shape[-1])
+        return coefficients(stress)
+
+    def integrand(self, adjoint: Adjoint) -> Integrand | VaryingIntegrand:
+        """The supremum for an adjoint."""
+        bound_data = self._bound_data
+        volume, owner = self._parts
+        trace, deviator = bound_data.discrete.points.strain(adjoint.z)
+        wanted = np.column_stack(self._moduli.stress(trace, deviator))
+        wanted = on_nodes(bound_data, wanted)
+        law = bound_data.discrete.law
+        tau = completed_near(adjoint.stress, wanted, law, bound_data.each)
+        tau = self._on_parts(tau)
+        rest = self._opened, self._sample
+        if bound_data.each > 1:
+            stresses = tau, self._sigma
+            strain = trace[:, None], deviator
+            data = varying_data(bound_data, self._state, stresses, strain, self._parts)
+            residual = -float(data.work() @ volume)
+            return VaryingIntegrand(data, self._cells, residual, *rest)
+        count = len(volume) // self._cells
+        strain = Stresses(np.repeat(trace, count), np.repeat(deviator, count, axis=0))
+        residual = -float(_work(self._data, strain) @ volume)
+        fields = tau, self._sigma, self._data, strain, owner, volume
+        return Integrand(*fields, residual, *rest)
 
 
 def on_nodes(bound_data: BoundData, values: np.ndarray) -> np.ndarray:
@@ -215,29 +293,19 @@ def _work(data: PointData, strain: Stresses) -> np.ndarray:
     return work + np.einsum("nd,nd->n", data.stress, strain.deviator)
 
 
-def point_data(
-    bound_data: BoundData,
-    state: State,
-    trace: np.ndarray,
-    deviator: np.ndarray,
-    parts: int,
-) -> tuple[PointData, Stresses]:
-    """Law, state and eps(z) for each part of each cell, order one."""
+def point_data(bound_data: BoundData, state: State, parts: int) -> PointData:
+    """Law and state for each part of each cell, order one."""
     law = bound_data.discrete.law
 
     def spread(values: np.ndarray) -> np.ndarray:
         """The same for all parts of a cell."""
-        return np.repeat(values, parts, axis=0)
+        return np.repeat(np.asarray(values), parts, axis=0)
 
-    bulk, two_mu, hardening, beta = (
-        spread(np.asarray(v)) for v in (law.bulk, law.two_mu, law.hardening, law.beta)
-    )
-    trial = spread(state.at.trial)
-    back = spread(np.ascontiguousarray(law.back))
-    stress = kept_part(trial, two_mu, hardening, beta)[:, None] * trial + back
-    volume = spread(state.volume)
-    data = PointData(bulk, two_mu, hardening, beta, volume, trial, back, stress)
-    return data, Stresses(spread(trace), spread(deviator))
+    trial = state.at.trial
+    kept = kept_part(trial, *map(np.asarray, (law.two_mu, law.hardening, law.beta)))
+    stress = kept[:, None] * trial + law.back
+    values = law.bulk, law.two_mu, law.hardening, law.beta, state.volume, trial
+    return PointData(*map(spread, (*values, law.back, stress)))
 
 
 def varying_data(

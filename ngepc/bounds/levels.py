@@ -5,6 +5,7 @@ Unknowns of vertices: a direct solver; unknowns of edges: a Chebyshev polynomial
 
 from __future__ import annotations
 
+from copy import copy
 from itertools import islice
 
 import numpy as np
@@ -52,6 +53,12 @@ class TwoLevels(Blocks):
         places = [corner[:, i] if i == j else edge[:, 3 - i - j] for i, j in pairs]
         self._places = np.stack(places, axis=1)
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
+
+    def another(self) -> TwoLevels:
+        """The same unknowns with a matrix of its own."""
+        result = copy(self)
+        result.matrix = self.matrix.CreateMatrix()
+        return result
 
     def update(
         self, blocks: tuple[np.ndarray, ...], forces: Linear, chosen: np.ndarray | slice

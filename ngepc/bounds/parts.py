@@ -131,6 +131,17 @@ def portions(count: int, size: int = PORTION) -> list[slice]:
     return [slice(first, first + size) for first in range(0, count, size)]
 
 
+def worth_keeping(gain: np.ndarray, allowed: float) -> np.ndarray:
+    """The parts with the smallest possible gains, which add up to half of what is allowed.
+
+    They are not cut; the other half is left for the next level.
+    """
+    order = np.argsort(gain)
+    kept = np.zeros(len(gain), dtype=bool)
+    kept[order[np.cumsum(np.maximum(gain[order], 0.0)) <= max(allowed, 0.0) / 2]] = True
+    return kept
+
+
 def coefficients(nodal: np.ndarray) -> np.ndarray:
     """Coefficients of functions from their values at the nodes (..., k, c)."""
     return nodal if nodal.shape[-2] < 6 else np.matmul(np.linalg.inv(AT_NODES), nodal)

@@ -12,7 +12,7 @@ import numpy as np
 from ngepc._deprecated import old_names
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import Completed, Conjugate
-from ngepc.bounds.data import BoundData, Effort, stress_coordinates
+from ngepc.bounds.data import BestStress, BoundData, Effort, stress_coordinates
 from ngepc.bounds.element import ELEMENTS, PAIRS
 from ngepc.bounds.levels import TwoLevels
 from ngepc.bounds.parts import portions
@@ -22,6 +22,7 @@ from ngepc.local.system import DiscreteProblem, State
 
 # a step of the search of the adjoint must lower its bound by this fraction
 ADJOINT_GAIN = 0.02
+MOST_STEPS = 40  # of the adjoint's search
 SHORTEST = 1e-3  # shortest step length
 LOCALLY = 0.3  # Newton steps use this fraction of ``gain``: they are cheap where little yields
 # Newton steps are restricted to the triangles with this share of the remainder of the tangent
@@ -60,11 +61,11 @@ class TangentCompliance:
     """
 
     def __init__(self, compliance: np.ndarray) -> None:
-        self._compliance = compliance
+        self.compliance_of = compliance
 
     def of(self, cells: np.ndarray | slice) -> TangentCompliance:
         """The same on some of the cells."""
-        return TangentCompliance(self._compliance[cells])
+        return TangentCompliance(self.compliance_of[cells])
 
     def completed(self, z: np.ndarray) -> Completed:
         """The stress; nothing yields."""
@@ -77,11 +78,11 @@ class TangentCompliance:
 
     def gradient(self, at: Completed) -> np.ndarray:
         """H z, (cells, points, c)."""
-        return np.matmul(self._compliance, at.deviator[..., None])[..., 0]
+        return np.matmul(self.compliance_of, at.deviator[..., None])[..., 0]
 
     def compliance(self, at: Completed) -> np.ndarray:
         """H."""
-        return self._compliance
+        return self.compliance_of
 
 
 OF_MODEL = ("centre", "_values", "_gradient", "compliance", "_yields")
@@ -147,28 +148,56 @@ class SecondOrderModel:
         return self.space.gathered(self.space.forces(strain))
 
 
+@dataclass(frozen=True, eq=False)
+class AirySearch:
+    """The solver for Airy functions at one tangent, and its compliance (nt, 1 or points, 3, 3)."""
+
+    system: TwoLevels
+    compliance: np.ndarray
+
+    def tightened(
+        self,
+        functional: StressFunctional,
+        z: np.ndarray,
+        rest: float,
+        gain: float,
+        steps: int,
+    ) -> np.ndarray:
+        """Stresses (nt, points, 3) with a smaller value of a functional of this compliance.
+
+        The search begins at ``z``; ``rest`` is the bound without the functional.
+        """
+        model = SecondOrderModel(functional, z)
+        value, right = model.linearised(z)
+        x, _ = self.system.solve(right, rest + value, gain, steps)
+        return z + functional.space.stress(x)
+
+
 def tightened(
     functional: StressFunctional,
+    system: TwoLevels,
     cells: Simplices,
     z: np.ndarray,
     centre: np.ndarray,
     rest: float,
     effort: Effort,
-) -> np.ndarray:
+) -> tuple[np.ndarray, AirySearch]:
     """In-plane stresses at the points, shape (nt, points, 3), with a smaller dual functional.
 
     The search starts at the admissible stress ``z`` (nt, points, 3).  The first tangent is that at
     the stress ``centre`` of the discrete solution, at one point or all (nt, ., 3).  ``rest`` is the
-    bound less ``functional``.
+    bound without the functional.  The second result solves with the first tangent.
     """
-    system = TwoLevels(functional.space, cells)
     there = slice(None)
     part = functional
     gain = effort.gain
     bound = rest
+    search = None
     for step in range(effort.newton + 1):
         model = SecondOrderModel(part, centre)
         system.update(part.space.stiffness(model.compliance), model.forces, there)
+        if step == 0:
+            search = AirySearch(system, model.compliance)
         value, right = model.linearised(z[there])
         if step == 0:
             bound += value
@@ -186,7 +215,9 @@ def tightened(
         there = cells.around(worst, RINGS)
         part = functional.of(there)
         centre = z[there]
-    return z
+        if step == 0:
+            system = system.another()
+    return z, search
 
 
 def descended(
@@ -215,6 +246,25 @@ ON_SIDES = (
 )
 
 
+def missed_energy(
+    functional: StressFunctional, quadratic: TangentCompliance, tau: np.ndarray
+) -> float:
+    """Half the square of what stresses at the points miss of those of the strain of ``functional``.
+
+    With g = H tau - eps it is 1/2 g : H^-1 g.
+    """
+    strain = np.broadcast_to(functional.strain, tau.shape)
+    weights = functional.space.rule.weights
+    energy = 0.0
+    for cells in portions(len(tau)):
+        part = quadratic.of(cells)
+        off = part.gradient(part.completed(tau[cells])) - strain[cells]
+        stress = np.matmul(np.linalg.inv(part.compliance_of), off[..., None])[..., 0]
+        square = np.einsum("tqc,tqc->tq", off, stress) @ weights
+        energy += float(functional.space.area[cells] @ square) / 2
+    return energy
+
+
 class PlaneBoundData(BoundData):
     """``BoundData`` on triangles."""
 
@@ -223,28 +273,42 @@ class PlaneBoundData(BoundData):
         order = self.problem.order
         self.effort = {1: Effort(), 2: Effort(gain=0.01, steps=40)}[order]
         self.space = AirySpace(self.boundary, order + 2, self.piola)
+        self._unsolved = TwoLevels(self.space, self.cells)
         if order == 2:
             self.weights = self.space.rule.weights
 
-    def best_stress(
-        self, state: State, tangent: Factors, P: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def best_stress(self, state: State, tangent: Factors, P: np.ndarray) -> BestStress:
         """An admissible stress with a small bound, at points, and its pressure P."""
         moments, forces = self.loads(state, P)
         stress = self.balanced(state, tangent, forces)
         functional = StressFunctional(self.space, self.conjugate, self.strain(state))
         rest = float(self.phi(state).sum() + self.contact.gaps(state, P).sum())
         z = self.admissible(stress, moments)
-        z = tightened(
-            functional, self.cells, z, self.on_parts(stress), rest, self.effort
+        system = self._unsolved.another()
+        centre = self.on_parts(stress)
+        z, search = tightened(
+            functional, system, self.cells, z, centre, rest, self.effort
         )
         at_points = z if self.problem.order == 2 else z.mean(axis=1, keepdims=True)
-        return self.space.at_nodes(z), at_points, P
+        return BestStress(self.space.at_nodes(z), at_points, P, search)
+
+    def search(self, state: State) -> AirySearch:
+        """The solver for Airy functions at the tangent of a state."""
+        at = self.conjugate.completed(self.on_parts(self.stress(state)))
+        compliance = self.conjugate.compliance(at)
+        system = self._unsolved.another()
+        quadratic = StressFunctional(
+            self.space, TangentCompliance(compliance), np.zeros((1, 1, 3))
+        )
+        model = SecondOrderModel(quadratic, np.zeros((len(compliance), 1, 3)))
+        system.update(self.space.stiffness(compliance), model.forces, slice(None))
+        return AirySearch(system, compliance)
 
     def adjoint_stress(
         self,
         state: State,
         tangent: Factors,
+        search: AirySearch,
         near: np.ndarray,
         z: np.ndarray,
         moments: np.ndarray,
@@ -256,26 +320,16 @@ class PlaneBoundData(BoundData):
         stresses in the tangent's compliance.
         """
         stress = self.answer(tangent, near)
-        at = self.conjugate.completed(self.on_parts(self.stress(state)))
-        compliance = self.conjugate.compliance(at)
-        strain = stress_coordinates(*self.discrete.points.strain(z), 0.0)
-        functional = StressFunctional(
-            self.space, TangentCompliance(compliance), self.on_parts(strain)
-        )
-        wanted = stress_coordinates(
-            *tangent.moduli.stress(*self.discrete.points.strain(z))
-        )
-        work = np.einsum("pc,pc->p", wanted, strain)
+        strain = self.discrete.points.strain(z)
+        at_points = stress_coordinates(*strain, 0.0)
+        wanted = stress_coordinates(*tangent.moduli.stress(*strain))
+        work = np.einsum("pc,pc->p", wanted, at_points)
         rest = self.discrete.points.integral(work) / 2
+        quadratic = TangentCompliance(search.compliance)
+        functional = StressFunctional(self.space, quadratic, self.on_parts(at_points))
         tau = self.admissible(stress, moments)
-        effort = Effort(newton=0, gain=ADJOINT_GAIN, steps=40)
-        tau = tightened(
-            functional, self.cells, tau, self.on_parts(stress), rest, effort
-        )
-        remainder = (
-            functional.values(tau, functional.conjugate.completed(tau)).sum() + rest
-        )
-        return self.space.at_nodes(tau), float(remainder)
+        tau = search.tightened(functional, tau, rest, ADJOINT_GAIN, MOST_STEPS)
+        return self.space.at_nodes(tau), missed_energy(functional, quadratic, tau)
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).

@@ -19,7 +19,9 @@ any number of iterations.
 
 from __future__ import annotations
 
+from copy import copy
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.data import (
     BALANCED,
     PASSES,
+    BestStress,
     BoundData,
     Effort,
     factorise,
@@ -84,6 +87,12 @@ class Faces:
         self._piola = piola
         self._inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
         self._jacobian = c.jacobian.astype(SINGLE)
+
+    def another(self) -> Faces:
+        """The same unknowns with matrices of their own."""
+        result = copy(self)
+        result._inverse = np.empty_like(self._inverse)
+        return result
 
     def fill(self, H: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Set the compliances d2 phi*/dz2 of the tetrahedra, (nt, 6, 6), and the blocks of S.
@@ -170,6 +179,13 @@ class Faces:
         return self.kept(self.cells.sums(moments))
 
 
+class SolidSearch(NamedTuple):
+    """The matrices of the tetrahedra at one tangent, and its compliances (nt, 6, 6)."""
+
+    faces: Faces
+    compliance: np.ndarray
+
+
 class SolidBoundData(BoundData):
     """``BoundData`` on tetrahedra."""
 
@@ -184,9 +200,7 @@ class SolidBoundData(BoundData):
         self.lower = SolidBoundData(DiscreteProblem(lowered_problem(self.problem)))
         self.lower.effort = Effort(newton=2, gain=3e-5, steps=100)
 
-    def best_stress(
-        self, state: State, tangent: Factors, P: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def best_stress(self, state: State, tangent: Factors, P: np.ndarray) -> BestStress:
         """An admissible stress with a small bound, the same at points, and its pressure P."""
         if self.problem.order == 2:
             return self._best_of_lower(state)
@@ -195,7 +209,7 @@ class SolidBoundData(BoundData):
         stress, P = self._nearest(state, tangent, z, P)
         for _ in range(self.effort.newton):
             stress, P = self._nearest(state, tangent, stress.mean(axis=1), P)
-        return stress, stress.mean(axis=1, keepdims=True), P
+        return BestStress(stress, stress.mean(axis=1, keepdims=True), P, None)
 
     def _nearest(
         self, state: State, tangent: Factors, z: np.ndarray, P: np.ndarray
@@ -220,7 +234,7 @@ class SolidBoundData(BoundData):
         table = ELEMENT.of_data
         return self.built(own.reshape(-1, 4, 3, 3), needed, given, table), P
 
-    def _best_of_lower(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _best_of_lower(self, state: State) -> BestStress:
         """The same for displacements of order two."""
         lower = self.lower
         tangent = Factors(lower.discrete, "sparsecholesky")
@@ -228,13 +242,23 @@ class SolidBoundData(BoundData):
         found = newton_iteration(start, tangent, ExactResult, TOLERANCE, MOST_STEPS)
         self.lower_state, _ = feasible_state(lower, found.state)
         P = lower.contact.pressure(found.state.multipliers)
-        stress, _, P = lower.best_stress(self.lower_state, tangent, P)
-        return stress, at_points_of_parts(stress), P
+        found = lower.best_stress(self.lower_state, tangent, P)
+        at_points = at_points_of_parts(found.nodal)
+        return BestStress(found.nodal, at_points, found.pressure, None)
+
+    def search(self, state: State) -> SolidSearch:
+        """The matrices of the tetrahedra for the tangent of a state."""
+        at = self.conjugate.completed(self.stress(state)[:, None])
+        H = self.conjugate.compliance(at)[:, 0]
+        faces = self.faces.another()
+        faces.fill(H, np.zeros_like(self.carried.inner))
+        return SolidSearch(faces, H)
 
     def adjoint_stress(
         self,
         state: State,
         tangent: Factors,
+        search: SolidSearch,
         near: np.ndarray,
         z: np.ndarray,
         moments: np.ndarray,
@@ -245,16 +269,17 @@ class SolidBoundData(BoundData):
         ``moments``, tested with hat functions.  The error is half the squared difference of the
         stresses in the tangent's compliance.
         """
-        faces = self.faces
-        stress = self.stress(state)
-        at = self.conjugate.completed(stress[:, None])
-        H = self.conjugate.compliance(at)[:, 0]
+        faces = search.faces
+        other = copy(self)
+        other.faces = faces
         own = self.constant_moments(self.answer(tangent, near))
-        added = faces.fill(H, self.carried.inner)
+        added = np.zeros_like(own)
+        if self.carried.inner.any():
+            added = faces.fill(search.compliance, self.carried.inner)
         b = moments.reshape(-1, 3) - self.cells.sums(own + added)
-        delta, _ = self.displacements(tangent, b, self.effort.gain)
+        delta, _ = other.displacements(tangent, b, self.effort.gain)
         own = own + added + faces.moments(faces.stresses(delta))
-        own = self.balanced_moments(tangent, own, moments)
+        own = other.balanced_moments(tangent, own, moments)
         needed = np.matmul(CORNER_SUMS, own)
         tau = self.built(own.reshape(-1, 4, 3, 3), needed, moments, ELEMENT.of_data)
         return tau, self.missed_energy(state, tangent, z, tau)

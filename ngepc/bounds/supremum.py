@@ -5,13 +5,30 @@ With the law s(.) of the step, the strain eps_h of the result and stresses tau a
     sup over e of  tau : e - eps(z) : (s(eps_h + e) - s(eps_h))
                    - lambda e : (s(eps_h + e) - sigma^).
 
-The mean part is a quadratic.  For the deviator the trial stress t = s + 2 mu_2 e replaces e:
+The mean part is a quadratic.  For the deviator let s be the trial stress at eps_h, t = s + 2 mu_2 e
+that at eps_h + e, M = 2 mu_2 + h, and
 
-* where |t| <= beta the function is a quadratic with the Hessian -lambda/mu_2, so that the best t is
-  the point of the ball that is nearest to its stationary point;
-* where |t| = rho >= beta it is a quadratic in rho for each direction n of t.  For the best rho the
-  rest depends on n through two numbers, n . v and n . w.  It is convex in n, so that the best n
-  lies in the plane of v and w, at an angle between them: one angle is searched in all dimensions.
+    q = tau + lambda (sigma^ - dev alpha_0),   w = lambda s/(2 mu_2) - eps(z).
+
+Then the part by dev e is
+
+    Phi(q, w) - q : s/(2 mu_2) + (s(eps_h) - dev alpha_0) : eps(z),
+
+where Phi is the supremum over t of
+
+    y : t - lambda |t|^2/(2 mu_2)                      for |t| <= beta,  y = q/(2 mu_2) + w,
+    k n : w + (n : v - start) rho - square rho^2       for t = rho n, rho >= beta,
+
+    v = q/(2 mu_2) + h/M w,  k = 2 mu_2 beta/M,  start = lambda beta/M,
+    square = lambda h/(2 mu_2 M).
+
+It is affine in q and w for each t, hence Phi is convex in both.  It depends on |v|, |w| and v : w
+only:
+
+* the first supremum is at the point of the ball that is nearest to y 2 mu_2/(2 lambda);
+* in the second one the best rho is known for each n; the rest depends on n through n : v and n : w
+  and is convex in n, so that the best n lies in the plane of v and w, at an angle between them: a
+  search over one angle in all dimensions.
 
 Where the function of the angle is concave, Newton's method finds its maximum, and the second
 derivative bounds the remaining error.  Elsewhere the interval of angles is cut into ``ANGLES``
@@ -24,7 +41,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.bounds.parts import portions
+from ngepc.bounds.parts import portions, square_integrals
 from ngepc.bounds.simplices import sliced
 
 ANGLES = 12
@@ -83,7 +100,7 @@ class Stresses:
 def suprema(
     at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
 ) -> np.ndarray:
-    """Upper bound of the supremum at each point, and where it is a quadratic, (n,).
+    """Upper bound of the supremum at each point, (n,).
 
     Parameters
     ----------
@@ -96,21 +113,14 @@ def suprema(
     factor
         lambda > 0.
     """
-    result = np.empty(len(at.bulk))
-    smooth = np.empty(len(at.bulk), dtype=bool)
-    for part in portions(len(result), 20_000):
-        result[part], smooth[part] = _suprema(
-            at.of(part), tau.of(part), sigma.of(part), strain.of(part), factor
-        )
-    return result, smooth
-
-
-def _suprema(
-    at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
-) -> tuple[np.ndarray, np.ndarray]:
-    mean = mean_part(at, tau, sigma, strain, factor)
-    best, smooth = deviatoric_part(at, tau, sigma, strain, factor)
-    return best + mean, smooth
+    two_mu = at.two_mu[:, None]
+    q = tau.deviator + factor * (sigma.deviator - at.back)
+    w = factor / two_mu * at.trial - strain.deviator
+    law = ScaledLaw.of(at.two_mu, at.hardening, at.beta, factor)
+    found, _ = law.potential((q / two_mu)[:, None], w[:, None])
+    found = found[:, 0] - dots(q, at.trial) / at.two_mu
+    found = found + dots(at.stress - at.back, strain.deviator)
+    return found + mean_part(at, tau, sigma, strain, factor)
 
 
 def mean_part(
@@ -122,83 +132,106 @@ def mean_part(
     return pulled**2 / (4 * factor * at.bulk)
 
 
-def deviatoric_part(
-    at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """The supremum over dev e, and where it is the quadratic function of the elastic law."""
-    B = tau.deviator + factor * (sigma.deviator - at.stress)
-    best, inside = elastic(at, B, strain.deviator, factor)
-    plastic = Plastic(at, B, strain.deviator, factor)
-    there = np.flatnonzero(plastic.possible)
-    if len(there):
-        best[there] = np.maximum(best[there], plastic.bound(there))
-    return best, inside & ~plastic.possible
-
-
 def dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Products of vectors, (n, d) and (n, d) to (n,)."""
-    return np.einsum("nd,nd->n", a, b)
+    """Products of vectors, (..., d) and (..., d) to (...)."""
+    return np.einsum("...d,...d->...", a, b)
 
 
-def elastic(
-    at: PointData, B: np.ndarray, strain: np.ndarray, factor: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """The supremum over trial stresses with |t| <= beta, and where it is attained inside."""
-    two_mu = at.two_mu[:, None]
-    shift = at.trial + at.back - at.stress
-    e = (B - two_mu * strain - factor * shift) / (2 * factor * two_mu)
-    t = at.trial + two_mu * e
-    size = np.sqrt(dots(t, t))
-    t = t * np.minimum(at.beta / np.maximum(size, TINY), 1.0)[:, None]
-    e = (t - at.trial) / two_mu
-    value = dots(B, e) - dots(strain + factor * e, t + at.back - at.stress)
-    return value, size <= at.beta
+@dataclass(frozen=True, eq=False)
+class ScaledLaw:
+    """The numbers of the law and of lambda on which Phi depends, arrays (n,).
 
-
-class Plastic:
-    """The supremum over trial stresses t = rho n with rho >= beta.
-
-    With M = 2 mu_2 + h, k = 2 mu_2 beta/M and w = lambda s/(2 mu_2) - eps(z) it is
-
-        K + k n . w + lin rho - q rho^2,
-        lin = n . v - lambda k/(2 mu_2),   q = lambda h/(2 mu_2 M).
+    ``inner`` is lambda/(2 mu_2), ``share`` 2 mu_2/M; the others are those of the module.
     """
 
-    def __init__(
-        self, at: PointData, B: np.ndarray, strain: np.ndarray, factor: float
-    ) -> None:
-        M = at.two_mu + at.hardening
-        two_mu = at.two_mu[:, None]
-        fixed = at.back - at.stress
-        w = factor * at.trial / two_mu - strain
-        v = B / two_mu + (at.hardening / M)[:, None] * w - factor / two_mu * fixed
-        self.k = at.two_mu * at.beta / M
-        self.square = factor * at.hardening / (at.two_mu * M)
-        self.start = factor * self.k / at.two_mu
-        self.constant = dots(w, fixed) - dots(B, at.trial) / at.two_mu
-        self.v = np.sqrt(dots(v, v))
-        self.w = np.sqrt(dots(w, w))
-        cosine = dots(v, w) / np.maximum(self.v * self.w, TINY)
-        self.cosine = np.clip(cosine, -1.0, 1.0)
-        self.least = self.start + 2 * self.square * at.beta
-        self.possible = self.v > self.least
+    beta: np.ndarray
+    inner: np.ndarray
+    share: np.ndarray
+    k: np.ndarray
+    start: np.ndarray
+    square: np.ndarray
 
-    def bound(self, there: np.ndarray) -> np.ndarray:
-        """No less than the supremum at some of the points, where it is ``possible``.
+    @classmethod
+    def of(
+        cls, two_mu: np.ndarray, hardening: np.ndarray, beta: np.ndarray, factor: float
+    ) -> ScaledLaw:
+        """Those of a law with linear hardening."""
+        M = two_mu + hardening
+        inner = factor / two_mu
+        share = two_mu / M
+        square = inner * hardening / M
+        return cls(beta, inner, share, share * beta, factor * beta / M, square)
 
-        The angle is measured from v.  The first part decreases with it, the second part increases
-        up to the direction of w, so that the best angle lies between 0 and the end: that of w, or
-        the one with rho = beta.
+    def of_points(self, chosen: slice | np.ndarray) -> ScaledLaw:
+        """Those at some of the points."""
+        return ScaledLaw(*(value[chosen] for value in vars(self).values()))
+
+    def repeated(self, count: int) -> ScaledLaw:
+        """Those of each point so many times."""
+        return ScaledLaw(*(np.repeat(value, count) for value in vars(self).values()))
+
+    def potential(self, pulled: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, ...]:
+        """No less than Phi for q/(2 mu_2) and w at points of parts, (n, k, d) or (n, 1, d).
+
+        The numbers of the law are those of the parts.  Values and where nothing may yield, (n, k):
+        there Phi is the quadratic |y|^2 2 mu_2/(4 lambda).
         """
-        arc = Arc(
-            self.v[there],
-            self.start[there],
-            self.least[there],
-            4 * self.square[there],
-            self.k[there] * self.w[there],
-            self.cosine[there],
-        )
-        return self.constant[there] + arc.largest()
+        count, k = pulled.shape[:2]
+        found = np.empty((count, k))
+        smooth = np.empty((count, k), dtype=bool)
+        for part in portions(count, 10_000 // k):
+            own = w[part]
+            share = self.share[part, None, None]
+            v = pulled[part] + (1 - share) * own
+            v_square = dots(v, v)
+            both = dots(v, own)
+            w_square = np.broadcast_to(dots(own, own), both.shape)
+            law = self.of_points(part).repeated(k)
+            products = (values.ravel() for values in (v_square, both, w_square))
+            value, inside = law.of_products(*products)
+            found[part] = value.reshape(-1, k)
+            smooth[part] = inside.reshape(-1, k)
+        return found, smooth
+
+    def quadratic(
+        self, pulled: np.ndarray, w: np.ndarray, volume: np.ndarray
+    ) -> np.ndarray:
+        """Integrals of Phi where nothing may yield, from coefficients on parts, (n,)."""
+        return square_integrals(pulled + w, volume) / (4 * self.inner)
+
+    def of_products(
+        self, v_square: np.ndarray, both: np.ndarray, w_square: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same for |v|^2, v : w and |w|^2, (n,)."""
+        share = self.share
+        y_square = v_square + share * (2 * both + share * w_square)
+        best, inside = self._in_the_ball(np.maximum(y_square, 0.0))
+        least = self.start + 2 * self.square * self.beta
+        size = np.sqrt(v_square)
+        possible = size > least
+        there = np.flatnonzero(possible)
+        if len(there):
+            v = size[there]
+            length = np.sqrt(w_square[there])
+            cosine = both[there] / np.maximum(v * length, TINY)
+            arc = Arc(
+                v,
+                self.start[there],
+                least[there],
+                4 * self.square[there],
+                self.k[there] * length,
+                np.clip(cosine, -1.0, 1.0),
+            )
+            best[there] = np.maximum(best[there], arc.largest())
+        return best, inside & ~possible
+
+    def _in_the_ball(self, y_square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The supremum over |t| <= beta for |y|^2, and whether its t is inside."""
+        size = np.sqrt(y_square)
+        inside = size <= 2 * self.inner * self.beta
+        free = y_square / (4 * self.inner)
+        kept = self.beta * (size - self.inner * self.beta)
+        return np.where(inside, free, kept), inside
 
 
 class Arc:
@@ -224,6 +257,7 @@ class Arc:
         self.cosine = cosine
         self.sine = np.sqrt(1 - cosine**2)
         self.end = np.clip(np.maximum(least / v, cosine), -1.0, 1.0)
+        self._far = np.sqrt(1 - self.end**2)
 
     def of(self, chosen: np.ndarray) -> Arc:
         """Some of the arcs."""
@@ -261,24 +295,28 @@ class Arc:
 
         Two Newton steps; with the value f and the derivative d there, f + d^2/(2 bend) is a bound.
         """
-        one = np.ones_like(self.v)
-        far = np.sqrt(1 - self.end**2)
-        angle = np.zeros_like(self.v)
-        c = one
-        s = angle
-        for _ in range(2):
-            _, first, local = self._parts(c, s)
-            angle = np.maximum(angle + first / np.maximum(local, bend), 0.0)
-            angle = np.minimum(angle, np.pi)
-            c = np.cos(angle)
-            s = np.sin(angle)
-            beyond = c < self.end
-            c = np.where(beyond, self.end, c)
-            s = np.where(beyond, far, s)
-            angle = np.where(beyond, np.arccos(self.end), angle)
+        first = self.slope * self.sine
+        local = 2 * self.v * (self.v - self.start) / self.quarter
+        local = local + self.slope * self.cosine
+        step = np.minimum(first / np.maximum(local, bend), 1.0)
+        c, s, _ = self._kept(np.sqrt(1 - step**2), step)
+
+        _, first, local = self._parts(c, s)
+        step = np.clip(first / np.maximum(local, bend), -1.0, 1.0)
+        other = np.sqrt(1 - step**2)
+        c, s, beyond = self._kept(c * other - s * step, s * other + c * step)
+
         value, first, _ = self._parts(c, s)
         at_end = beyond & (first >= 0)
         return value + np.where(at_end, 0.0, first**2 / (2 * bend))
+
+    def _kept(self, c: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Cosine and sine of an angle on the arc near one, and whether that is beyond the end."""
+        before = (s < 0) & (c > 0)
+        beyond = (c < self.end) | ((s < 0) & ~before)
+        c = np.where(before, 1.0, np.where(beyond, self.end, c))
+        s = np.where(before, 0.0, np.where(beyond, self._far, s))
+        return c, s, beyond & ~before
 
     def _on_grid(self) -> np.ndarray:
         """Upper bound of the maximum by values on a grid and the largest second derivative."""

@@ -1,17 +1,13 @@
 """Upper bounds of integrals of the supremum of a goal for displacements of order two.
 
-For a fixed strain E = eps_h + e the bracket under the supremum is, but for
+The Phi(q, w) of ``supremum`` is convex in q and w together, which are polynomials on the parts of a
+cell: its mean over a part is at most the mean of its values at their Bernstein coefficients.  Where
+nothing may yield it is a quadratic, and a rule is exact.  Elsewhere parts are cut until bounds
+differ little from a rule.
 
-    gauge = tau : eps_h + lambda eps_h : sigma^ - eps(z) : s(eps_h),
-
-affine in tau, sigma^, eps_h and eps(z) together.  (For affine p_0 and alpha_0 the trial stress is
-used in place of E, with stresses less alpha_0.)  Hence supremum + gauge is convex in them: its mean
-over a part is at most the mean of its values at their Bernstein coefficients.  Products of
-polynomials are integrated exactly.  The integral of eps(z) : s(eps_h) occurs in Q_0 with the other
-sign: the error of its quadrature cancels.
-
-The part of the mean stresses is quadratic.  Where no point yields, the whole supremum is quadratic
-and quadrature is exact.  Elsewhere parts are cut until the bounds are close to quadrature.
+Of the rest of the supremum the part by mean stresses is a quadratic, and q : s a product of
+polynomials.  The integral of eps(z) : s(eps_h) stands in Q_0 with the other sign: whatever a rule
+says there cancels.
 """
 
 from __future__ import annotations
@@ -20,11 +16,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ngepc.bounds.parts import RULE, SPLIT, WEIGHTS, portions
+from ngepc.bounds.parts import RULE, SPLIT, WEIGHTS, worth_keeping
 from ngepc.bounds.supremum import (
     PointData,
+    ScaledLaw,
     Stresses,
-    deviatoric_part,
     dots,
     kept_part,
     mean_part,
@@ -32,10 +28,8 @@ from ngepc.bounds.supremum import (
 
 SPLITS = {4: 2, 6: 3}
 """Most levels of cutting, by the number of coefficients on a part."""
-WORTH = 0.1
-"""Bounds may exceed the integrals by this fraction."""
-PORTION = 1000
-"""Parts that are cut at a time."""
+WORTH = 0.05
+"""What bounds may exceed the integrals by, as a part of them."""
 NAMES = ("tau", "sigma", "volume", "trial", "back", "trace", "strain")
 
 
@@ -76,14 +70,8 @@ class VaryingData:
         """The data on the children of all parts."""
         k = self.k
         count = len(SPLIT[k])
-        table = SPLIT[k].reshape(-1, k)
-
-        def on_children(values: np.ndarray) -> np.ndarray:
-            """Coefficients on the children."""
-            return np.matmul(table, values).reshape(-1, k, values.shape[2])
-
         return VaryingData(
-            **{name: on_children(getattr(self, name)) for name in NAMES},
+            **{name: on_child_parts(getattr(self, name)) for name in NAMES},
             law={name: np.repeat(v, count) for name, v in self.law.items()},
             size=np.repeat(self.size / count, count),
             owner=np.repeat(self.owner, count),
@@ -145,40 +133,51 @@ class Sampled:
         """Values at the points by parts, (parts, points)."""
         return values.reshape(-1, self.points)
 
-    @property
-    def _arguments(self) -> tuple:
-        return self.data, self.tau, self.sigma, self.strain
-
     def means(self, factor: float) -> np.ndarray:
         """The part of the supremum by mean stresses."""
-        return self.shaped(mean_part(*self._arguments, factor))
+        found = mean_part(self.data, self.tau, self.sigma, self.strain, factor)
+        return self.shaped(found)
 
-    def deviators(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
-        """The part by deviators, and where it is a quadratic."""
-        count = len(self.elastic)
-        found = np.empty(count)
-        smooth = np.empty(count, dtype=bool)
-        for part in portions(count, 20_000):
-            chosen = (one.of(part) for one in self._arguments)
-            found[part], smooth[part] = deviatoric_part(*chosen, factor)
-        return self.shaped(found), self.shaped(smooth & self.elastic)
+    def pulled(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
+        """q/(2 mu_2) and w of ``supremum``, (parts, points, d)."""
+        data = self.data
+        two_mu = data.two_mu[:, None]
+        q = self.tau.deviator + factor * (self.sigma.deviator - data.back)
+        w = factor / two_mu * data.trial - self.strain.deviator
+        shape = (-1, self.points, q.shape[1])
+        return (q / two_mu).reshape(shape), w.reshape(shape)
 
     def work(self) -> np.ndarray:
         """The deviatoric part of eps(z) : (s(eps_h) - alpha_0)."""
         own = self.data.stress - self.data.back
         return self.shaped(dots(own, self.strain.deviator))
 
-    def products(self, factor: float) -> np.ndarray:
-        """tau : eps_h + lambda eps_h : (sigma^ - alpha_0) by deviators, eps_h from s."""
-        strain = self.data.trial / self.data.two_mu[:, None]
-        sigma = self.sigma.deviator - self.data.back
-        return self.shaped(dots(self.tau.deviator + factor * sigma, strain))
+    def trials(self) -> np.ndarray:
+        """S, the trial stress at eps_h, (parts, points, d)."""
+        trial = self.data.trial
+        return trial.reshape(-1, self.points, trial.shape[1])
+
+
+def _at_rule(data: VaryingData, factor: float) -> tuple[np.ndarray, ...]:
+    """Integrals of all but Phi over the parts, and q/(2 mu_2) and w at the points of the rule."""
+    k = data.k
+    at = data.at(RULE[k])
+    pulled, w = at.pulled(factor)
+    rest = at.means(factor) + at.work() - dots(pulled, at.trials())
+    return data.size * (rest @ WEIGHTS[k]), pulled, w
+
+
+def scaled_law(data: VaryingData, factor: float) -> ScaledLaw:
+    """The law and lambda on the parts."""
+    law = data.law
+    return ScaledLaw.of(law["two_mu"], law["hardening"], law["beta"], factor)
 
 
 def estimated_integrals(data: VaryingData, factor: float) -> np.ndarray:
     """The integrals of the supremum over the parts by a rule."""
-    at = data.at(RULE[data.k])
-    return data.size * ((at.means(factor) + at.deviators(factor)[0]) @ WEIGHTS[data.k])
+    rest, pulled, w = _at_rule(data, factor)
+    found, _ = scaled_law(data, factor).potential(pulled, w)
+    return data.size * (found @ WEIGHTS[data.k]) + rest
 
 
 def integrals(data: VaryingData, factor: float, count: int) -> np.ndarray:
@@ -186,39 +185,41 @@ def integrals(data: VaryingData, factor: float, count: int) -> np.ndarray:
 
     For the integral of eps(z) : s(eps_h) they use the rule of ``RULE``.
     """
-    allowed = WORTH * estimated_integrals(data, factor).sum() / len(data.size)
-    result = np.zeros(count)
-    for part in portions(len(data.size), PORTION):
-        chosen = data.of(part)
-        at = chosen.at(RULE[data.k])
-        given = chosen.size * ((at.means(factor) + at.work()) @ WEIGHTS[data.k])
-        result += np.bincount(chosen.owner, given, minlength=count)
-        result += _of_deviators(chosen, factor, allowed, count)
-    return result
-
-
-def _of_deviators(
-    data: VaryingData, factor: float, allowed: float, count: int
-) -> np.ndarray:
-    """Upper bounds of the integrals of the part by deviators less eps(z) : s(eps_h)."""
     k = data.k
-    result = np.zeros(count)
+    rest, pulled, w = _at_rule(data, factor)
+    result = np.bincount(data.owner, rest, minlength=count)
+    law = scaled_law(data, factor)
+    at_rule, _ = law.potential(pulled, w)
+    estimate = data.size * (at_rule @ WEIGHTS[k])
+    total = float(result.sum() + estimate.sum())
+
+    pulled, w = data.at(np.eye(k)).pulled(factor)
+    volume = data.size
+    owner = data.owner
     for level in range(SPLITS[k] + 1):
-        at = data.at(np.eye(k))
-        found, smooth = at.deviators(factor)
-        convex = found + at.products(factor) - at.work()
-        rule = data.at(RULE[k])
-        estimate = rule.deviators(factor)[0] - rule.work()
-        estimate = data.size * (estimate @ WEIGHTS[k])
-        products = rule.products(factor) @ WEIGHTS[k]
-        bound = data.size * (convex.mean(axis=1) - products)
+        found, smooth = law.potential(pulled, w)
+        bound = volume * found.mean(axis=1)
         bound = np.where(smooth.all(axis=1), estimate, bound)
-        kept = bound - estimate <= allowed
+        kept = worth_keeping(bound - estimate, WORTH * total)
         if level == SPLITS[k]:
             kept[:] = True
-        result += np.bincount(data.owner[kept], bound[kept], minlength=count)
+        result += np.bincount(owner[kept], bound[kept], minlength=count)
         if kept.all():
             break
-        data = data.of(~kept).cut()
-        allowed = allowed / len(SPLIT[k])
+        cut = ~kept
+        parts = len(SPLIT[k])
+        pulled = on_child_parts(pulled[cut])
+        w = on_child_parts(w[cut])
+        law = law.of_points(cut).repeated(parts)
+        volume = np.repeat(volume[cut] / parts, parts)
+        owner = np.repeat(owner[cut], parts)
+        at_rule, _ = law.potential(RULE[k] @ pulled, RULE[k] @ w)
+        estimate = volume * (at_rule @ WEIGHTS[k])
     return result
+
+
+def on_child_parts(values: np.ndarray) -> np.ndarray:
+    """Coefficients on the children of parts (parts, k, c)."""
+    k = values.shape[1]
+    table = SPLIT[k].reshape(-1, k)
+    return np.matmul(table, values).reshape(-1, k, values.shape[2])

@@ -93,7 +93,7 @@ def test_no_strain_exceeds_the_supremum(d, hardening):
     points = Points(d, hardening)
     rng = np.random.default_rng(7)
     for factor in (0.1, 2.0):
-        most, _ = suprema(points.at, points.tau, points.sigma, points.strain, factor)
+        most = suprema(points.at, points.tau, points.sigma, points.strain, factor)
         best = np.full(len(most), -np.inf)
         where = np.zeros((len(most), d + 1))
         for round_ in range(2500):

@@ -218,7 +218,7 @@ class Cones(Work):
             f"{record['difference']:.1e} {said}"
         )
 
-    def told(self, records):
+    def table_rows(self, records):
         """A row for each kind of problem, and one for all."""
         groups = sorted({r["group"] for r in records})
         rows = [self._row(g, [r for r in records if r["group"] == g]) for g in groups]

@@ -179,7 +179,7 @@ class Crossings(Work):
             f"bound / error {record['effectivity']:.3g}  {said}"
         )
 
-    def told(self, records):
+    def table_rows(self, records):
         """A row for each kind."""
         rows = [
             _row(kind, [r for r in records if r["kind"] == kind]) for kind in self.rows

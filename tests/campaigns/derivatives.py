@@ -187,7 +187,7 @@ class Derivatives(Work):
             for r in records
         )
 
-    def told(self, records):
+    def table_rows(self, records):
         """Groups of problems."""
         groups = {"all": list(records)}
         for key in ("kinematics", "order", "friction", "bodies", "law", "steps"):

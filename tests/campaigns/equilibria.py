@@ -253,7 +253,7 @@ class Equilibria(Work):
         said = "; ".join(record["wrong"])
         return f"{record['law']} {record['number']}: {record['equilibria']}  {said}"
 
-    def told(self, records):
+    def table_rows(self, records):
         """A row for each law."""
         found = []
         for law in self.rows:

@@ -130,7 +130,7 @@ class Foreign(Work):
         yields = Integrate(result.equivalent_plastic_strain, result.problem.mesh) > 0
         return found | {"ended": str(result.status), "yields": bool(yields)}
 
-    def told(self, records):
+    def table_rows(self, records):
         beds = sorted({record["bed"] for record in records})
         rows = [
             self.counted(bed, [r for r in records if r["bed"] == bed]) for bed in beds

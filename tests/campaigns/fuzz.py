@@ -152,7 +152,7 @@ class Fuzz(Work):
             + "".join(f"\n    {text}" for text in said)
         )
 
-    def told(self, records):
+    def table_rows(self, records):
         """Counts over groups of problems."""
         groups = [(label, group) for label, group in _groups(records) if group]
         return [dict(zip(HEAD, _row(*pair), strict=True)) for pair in groups]

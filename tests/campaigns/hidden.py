@@ -172,7 +172,7 @@ class Hidden(Work):
             f"{record['margin']:.3g}  {record['refused']}{record['complaint']}"
         )
 
-    def told(self, records):
+    def table_rows(self, records):
         """A row for each kind."""
         kinds = sorted({r["kind"] for r in records})
         rows = [_row(kind, [r for r in records if r["kind"] == kind]) for kind in kinds]

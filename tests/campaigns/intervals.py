@@ -124,7 +124,7 @@ class Intervals(Work):
         told = [f"{f['goal']} {f['percent']:.3g} percent" for f in record["found"]]
         return f"{record['number']} {record['kind']}: {', '.join(told)} {record['refused']}"
 
-    def told(self, records):
+    def table_rows(self, records):
         """A row for each kind and goal."""
         rows = []
         names = sorted({f["goal"] for r in records for f in r["found"]})
@@ -232,7 +232,7 @@ class Verdicts(Work):
             f"{words.count('wrong')} wrong; halving {sum(record['halved'])} wrong"
         )
 
-    def told(self, records):
+    def table_rows(self, records):
         """A row for each distance of the limit."""
         done = [r for r in records if not r["refused"]]
         rows = []

@@ -275,7 +275,7 @@ class Mutants(Work):
         """Why nobody can notice a mutant; None if nothing is said."""
         return self.reasons.get((cell["module"], cell["mutant"]))
 
-    def told(self, records):
+    def table_rows(self, records):
         """The records; a survivor with a reason is equivalent."""
         return [self.excused(record) for record in records]
 

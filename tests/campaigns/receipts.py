@@ -376,7 +376,7 @@ class Receipts(Work):
             f"{len(record['passed'])} pass {record['passed']} {record['complaint']}"
         )
 
-    def told(self, records):
+    def table_rows(self, records):
         """A row for each kind."""
         rows = []
         for kind in KINDS:
