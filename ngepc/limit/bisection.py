@@ -100,15 +100,17 @@ def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.abs(np.arctan2(cross, (a * b).sum(axis=1)))
 
 
-def fan_cells(data: LimitData, dissipated: np.ndarray, width: float) -> np.ndarray:
+def fan_cells(
+    data: LimitData, singular: np.ndarray, dissipated: np.ndarray, width: float
+) -> np.ndarray:
     """For each cell the local vertex at which its angle has to be halved, or -1.
 
-    These are cells with a large angle at a singular point that dissipate; while the relative
+    These are cells with a large angle at a ``singular`` vertex that dissipate; while the relative
     ``width`` of the bracket is large, all cells with such an angle.
     """
     most = fan_angle(width)
     cells = data.cells
-    singular = singular_points(data)[cells.nodes]
+    singular = singular[cells.nodes]
     x = cells.points[cells.nodes]
     sides = np.roll(x, -1, axis=1) - x
     angle = np.stack([_angle(sides[:, k], -sides[:, k - 1]) for k in range(3)], axis=1)

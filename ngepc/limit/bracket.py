@@ -83,8 +83,7 @@ def centre_of(statics: Statics) -> np.ndarray | None:
     found = cone_solution(statics.least_stressed())
     if not found.is_success or found.x[-1] > 1 - 1e-3:
         return None
-    x, _ = statics.balanced(found.x[:-1])
-    return x
+    return statics.balanced(found.x[:-1])
 
 
 def carried_centre(
@@ -181,8 +180,8 @@ def lower_on(statics: Statics, centre: np.ndarray | None, precision: float) -> F
     found = cone_solution(program, precision)
     stress = None
     if np.isfinite(found.x).all() and found.status not in UNBOUNDED:
-        x, _ = statics.admissible(found.x, centre)
-        stress = statics.stress(x)
+        x = statics.admissible(found.x, centre)
+        stress = None if x is None else statics.stress(x)
     return Found(stress, count, found.steps, found.status)
 
 

@@ -22,8 +22,20 @@ from ngepc.limit.bernstein import (
     times_hats,
 )
 from ngepc.limit.data import GROWS, STAYS, LimitData
+from ngepc.limit.enclosed import Enclosed
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
-from ngepc.limit.mechanism import ENCLOSED, Mechanism
+from ngepc.limit.flow_proof import (
+    NOTHING,
+    ROUNDED,
+    coordinates,
+    divergences,
+    gradients,
+    power_of,
+    proved,
+    removal,
+)
+from ngepc.limit.mechanism import Mechanism
+from ngepc.limit.outline import Outline
 from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import YieldShape
 
@@ -221,35 +233,79 @@ class ContinuousVelocities:
         along = self._applied(matrix[~normal][with_friction])
         return push, [DissipatedPart(along, 1, cost[with_friction])]
 
+    def velocity(self, y: np.ndarray) -> np.ndarray:
+        """Coefficients (n, 2) that supports along the axes hold exactly, and clear obstacles.
+
+        Directions oblique to the axes are rounded numbers.
+        """
+        data = self.data
+        v = (self.motion + self.directions @ y).reshape(-1, 2)
+        places = multi_indices(1, self.degree) / self.degree
+        for f in np.flatnonzero(data.held):
+            speeds = places @ data.motion[f]
+            for row in data.frame[f, : data.held[f]]:
+                axis = np.flatnonzero(row)
+                if len(axis) == 1:
+                    v[self.facet_numbers[f], axis[0]] = speeds[:, axis[0]]
+        for f in np.flatnonzero(data.contact):
+            numbers = self.facet_numbers[f]
+            normal = data.frame[f, 0]
+            v[numbers] -= np.maximum(v[numbers] @ normal, 0.0)[:, None] * normal
+        return v
+
     def mechanism(self, solution: np.ndarray) -> Mechanism:
         """The admissible mechanism nearest to a solution, with its dissipation enclosed."""
         data = self.data
         cells = data.cells
         shape = self.shape
-        y, left = self.flow.admissible(solution)
-        v = self.motion + self.directions @ y
-        strain = (self.strain @ v).reshape(len(cells.nodes), -1, shape.size)
-        rounding = ENCLOSED * np.abs(self.directions @ left)
-        unsure = (abs(self.strain) @ rounding).reshape(strain.shape)
-        unsure = np.linalg.norm(unsure, axis=2).max(axis=1)
-        parts = parts_of(2, self.degree - 1, CUTS)
-        sizes = np.linalg.norm(parts @ strain[:, :, shape.free :], axis=2)
-        dissipated = data.bound * cells.volume * (sizes.mean(axis=1) + unsure)
-        total = float(dissipated.sum())
-        for part in self.flow.parts[1:]:
-            total += float(part.weights @ part.lengths(y))
-        grows = self.flow.power[GROWS]
-        power = 1.0
-        if not data.moves:
-            power = float(grows.at(y)[0] - (abs(grows.rows) @ (ENCLOSED * left))[0])
-        factor = (total - float(self.flow.power[STAYS].at(y)[0])) / power
-        values = v.reshape(-1, 2)[self.numbers] / power
+        y = self.flow.admissible(solution)
+        v = self.velocity(y)
+        values = v[self.numbers]
+        outline = Outline(cells)
+        exact = Enclosed(values)
+        gradient = gradients(outline, exact, self.degree)
+        strain, error = coordinates(shape, gradient)
+        removed = NOTHING
+        if shape.free:
+            below = self.degree - 1
+            removed = removal(data, outline, divergences(gradient), below)
+        dissipated = data.bound * dissipation(strain[:, :, shape.free :], error)
+        powers = tuple(
+            power_of(data, outline, exact, self.degree, kind) for kind in (GROWS, STAYS)
+        )
+        found = proved(data, powers, removed, dissipated, self._rubbed(y, v))
+        power = found.power
         return Mechanism(
-            values,
+            values / power,
             self.degree,
-            strain / power,
-            dissipated / power,
+            strain / cells.volume[:, None, None] / power,
+            found.dissipated / power,
             np.zeros((len(cells.facets), 2, 2)),
             np.zeros(len(cells.facets)),
-            factor,
+            found.factor,
         )
+
+    def _rubbed(self, y: np.ndarray, v: np.ndarray) -> float:
+        """What friction dissipates at most."""
+        total = 0.0
+        fastest = float(np.abs(v).max())
+        for part in self.flow.parts[1:]:
+            lengths = part.lengths(y) + ROUNDED * fastest
+            total += float(part.weights @ lengths) * (1 + ROUNDED)
+        return total
+
+
+def dissipation(strain: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """No less than the integrals of |strain|, from its coefficients (nc, m, s) times the volume.
+
+    ``error`` (nc, m) bounds the errors of their lengths.
+    """
+    parts = parts_of(2, _degree(strain), CUTS)
+    sizes = np.linalg.norm(parts @ strain, axis=2).mean(axis=1)
+    largest = np.linalg.norm(strain, axis=2).max(axis=1)
+    return sizes + error.max(axis=1) + ROUNDED * largest
+
+
+def _degree(strain: np.ndarray) -> int:
+    """The degree of polynomials with so many coefficients on a triangle."""
+    return {1: 0, 3: 1, 6: 2, 10: 3}[strain.shape[1]]

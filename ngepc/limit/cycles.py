@@ -13,17 +13,31 @@ alpha from above:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix, eye, hstack, kron, vstack
 
-from ngepc.limit.bernstein import bernstein_values, parts_of, times_hats
+from ngepc.limit.bernstein import bernstein_values, times_hats
 from ngepc.limit.bracket import UNBOUNDED, MeshBracket, centre_of, lower_on, upper_on
-from ngepc.limit.continuous import CUTS, ContinuousVelocities, sampling
+from ngepc.limit.continuous import ContinuousVelocities, dissipation, sampling
 from ngepc.limit.data import STAYS, LimitData
+from ngepc.limit.enclosed import Enclosed
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
-from ngepc.limit.mechanism import ENCLOSED, Mechanism
+from ngepc.limit.flow_proof import (
+    NOTHING,
+    ROUNDED,
+    Removal,
+    coordinates,
+    divergences,
+    gradients,
+    power_of,
+    proved,
+    removal,
+)
+from ngepc.limit.mechanism import Mechanism
+from ngepc.limit.outline import Outline
 from ngepc.limit.static import AdmissibleStress, Statics
 from ngepc.limit.yielding import YieldShape
 
@@ -64,9 +78,9 @@ class ResidualStatics(Statics):
             result.append(hstack([of_residual, csr_matrix(column)]))
         return csr_matrix(vstack(result))
 
-    def strengths(self) -> np.ndarray:
-        """The yield bound at each vertex of each cell, for each vertex of loads."""
-        return np.tile(super().strengths(), len(self.elastic))
+    def at_vertices(self, values: np.ndarray) -> np.ndarray:
+        """Values of cells at each of their vertices, for each vertex of loads."""
+        return np.tile(super().at_vertices(values), len(self.elastic))
 
     def capped(self, x: np.ndarray) -> np.ndarray:
         """|dev(alpha sigma_j + rho)| at each vertex of each cell."""
@@ -181,37 +195,57 @@ class StrainCycles(ContinuousVelocities):
         """The admissible cycle nearest to a solution, with its dissipation enclosed."""
         data = self.data
         cells = data.cells
-        y, left = self.flow.admissible(solution)
-        unsure = ENCLOSED * left
-        parts = parts_of(2, self.degree - 1, CUTS)
+        shape = self.shape
+        y = self.flow.admissible(solution)
+        velocity = self.velocity(y[: self.directions.shape[1]])
+        values = velocity[self.numbers]
+        outline = Outline(cells)
+        gradient = gradients(outline, Enclosed(values), self.degree)
+        rest, error = coordinates(shape, gradient)
+        removed = NOTHING
+        if shape.free:
+            below = self.degree - 1
+            removed = removal(data, outline, divergences(gradient), below)
+        rest = rest[:, :, shape.free :]
         strains = []
-        dissipated = np.zeros(len(cells.nodes))
-        shape = (len(cells.nodes), self.strains, self.shape.capped)
-        for part in self.coefficients:
-            strain = part.at(y).reshape(shape) / self.size[:, None, None]
-            extra = (abs(part.rows) @ unsure).reshape(shape) / self.size[:, None, None]
-            lengths = np.linalg.norm(parts @ strain, axis=2).mean(axis=1)
-            lengths += np.linalg.norm(extra, axis=2).max(axis=1)
-            dissipated += data.bound * cells.volume * lengths
+        size = cells.volume / self.size
+        for part in self.coefficients[:-1]:
+            strain = part.at(y).reshape(rest.shape) * size[:, None, None]
             strains.append(strain)
-        grows, stays = self.flow.power
-        power = float(grows.at(y)[0] - (abs(grows.rows) @ unsure)[0])
-        constant = float(stays.at(y)[0] - (abs(stays.rows) @ unsure)[0])
-        factor = (float(dissipated.sum()) - constant) / power
-        velocity = self.motion + self.directions @ y[: self.directions.shape[1]]
-        values = velocity.reshape(-1, 2)[self.numbers] / power
-        strain = np.stack(strains) / power
+            error = error + ROUNDED * np.linalg.norm(strain, axis=2)
+            rest = rest - strain
+        strains.append(rest)
+        lengths = sum(dissipation(strain, error) for strain in strains)
+        grows = self._elastic_power_of(strains, error, removed)
+        stays = power_of(data, outline, Enclosed(values), self.degree, STAYS)
+        found = proved(data, (grows, stays), removed, data.bound * lengths, 0.0)
+        power = found.power
+        strain = np.stack(strains) / (cells.volume[:, None, None] * power)
         scaled = strain * self.size[:, None, None]
         return CycleMechanism(
-            values,
+            values / power,
             self.degree,
             strain,
-            dissipated / power,
+            found.dissipated / power,
             np.zeros((len(cells.facets), 2, 2)),
             np.zeros(len(cells.facets)),
-            factor,
+            found.factor,
             np.einsum("jtac,jtac->t", self._moments(), scaled),
         )
+
+    def _elastic_power_of(
+        self, strains: list[np.ndarray], error: np.ndarray, removed: Removal
+    ) -> Enclosed:
+        """The power of the elastic stresses on increments times the volume, with its error."""
+        hats = times_hats(2, self.degree - 1)
+        capped = self.elastic[..., self.shape.free :]
+        mean = np.einsum("ai,jtic->jtac", hats, capped)
+        terms = mean * np.stack(strains)
+        largest = np.linalg.norm(self.elastic, axis=3).max(axis=(0, 2))
+        unsure = len(strains) * largest * error.sum(axis=1)
+        unsure = unsure + largest / self.data.bound * removed.dissipated
+        radius = unsure.sum() + ROUNDED * np.abs(terms).sum()
+        return Enclosed(math.fsum(terms.ravel()), radius)
 
 
 def cycle_gaps(

@@ -6,6 +6,7 @@ transferred to finer meshes exactly.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,18 +107,19 @@ class LimitData:
     def without_units(self) -> tuple[LimitData, float]:
         """The data in units in which numbers are of order one, and the unit of the load factor.
 
-        The units are the extent of the body, the largest yield bound, and the size of the loads.
+        The units are the extent of the body, the largest yield bound, and the size of the loads,
+        rounded to powers of two: the numbers do not change otherwise.
         """
         cells = self.cells
-        length = float(np.ptp(cells.points, axis=0).max())
-        stress = float(self.bound.max())
+        length = power_of_two(float(np.ptp(cells.points, axis=0).max()))
+        stress = power_of_two(float(self.bound.max()))
         units = [stress, stress]
         growing = [
             np.abs(self.force[GROWS]).max(initial=0.0) * length,
             np.abs(self.traction[GROWS]).max(initial=0.0),
         ]
-        speed = float(np.abs(self.motion).max(initial=0.0)) or 1.0
-        units[GROWS] = float(max(growing)) or stress
+        speed = power_of_two(float(np.abs(self.motion).max(initial=0.0)) or 1.0)
+        units[GROWS] = power_of_two(float(max(growing)) or stress)
         loads = np.array(units)[:, None, None]
         plain = replace(
             self,
@@ -131,6 +133,11 @@ class LimitData:
         if self.moves:
             return plain, stress * length ** (cells.N - 1) * speed
         return plain, stress / units[GROWS]
+
+
+def power_of_two(value: float) -> float:
+    """The largest power of two that is not above a positive number."""
+    return 2.0 ** math.floor(math.log2(value))
 
 
 def barycentric(cells: Simplices, chosen: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -61,8 +61,8 @@ def at_rest(given: Sequence[Coefficient | None] | Roller) -> Sequence | Roller:
 
 def elastic_stress(
     problem: Problem, shape: YieldShape, name: str, loads: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The elastic stress of one load, and its residuals.
+) -> tuple[np.ndarray, np.ndarray, LimitData]:
+    """The elastic stress of one load, its residuals, and the load.
 
     Parameters
     ----------
@@ -77,7 +77,8 @@ def elastic_stress(
     -------
     tuple
         Coordinates at the vertices of the triangles, (nc, 3, s) (stress); the residuals of
-        equilibrium and the differences from an affine function, a vector (stress).
+        equilibrium and the differences from an affine function, a vector (stress); the data with
+        this load as the one that grows.
     """
     alone = without_loads(problem, [other for other in loads if other != name])
     old = problem.material
@@ -104,7 +105,7 @@ def elastic_stress(
     coordinates = corners @ shape.reading
     uneven = tensors - shares @ corners
     residual = imbalance(data, shape, coordinates)
-    return coordinates, np.concatenate([uneven.ravel(), residual])
+    return coordinates, np.concatenate([uneven.ravel(), residual]), data
 
 
 def imbalance(

@@ -132,8 +132,8 @@ class Flow:
             cost, widened(equations), values, above, self.push.offset, cones
         )
 
-    def admissible(self, solution: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The admissible y nearest to a solution of the program, and its rounding error."""
+    def admissible(self, solution: np.ndarray) -> np.ndarray:
+        """The admissible y nearest to a solution of the program, up to rounding."""
         rows, values = self.equations
         y = solution[: rows.shape[1]]
         scale = LIFTED * float(np.abs(y).max())
@@ -141,6 +141,6 @@ class Flow:
             active = self.push.at(y) > -scale
             equations = vstack([rows, self.push.rows[active]], format="csr")
             right = np.concatenate([values, -self.push.offset[active]])
-            y, left = Projection(equations, right)(y)
+            y = Projection(equations, right)(y)
             if not (self.push.at(y)[~active] > 0).any():
-                return y, left
+                return y

@@ -17,9 +17,14 @@ from ngepc.bounds.transfer import bisected
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.checks.sentences import outward
-from ngepc.limit.bisection import bisected_cells, fan_cells, split_corners
+from ngepc.limit.bisection import (
+    bisected_cells,
+    fan_cells,
+    singular_points,
+    split_corners,
+)
 from ngepc.limit.bracket import MeshBracket, bracket_on, carried_centre
-from ngepc.limit.data import LimitData
+from ngepc.limit.data import LimitData, power_of_two
 from ngepc.limit.fields import (
     cell_order,
     mesh_of,
@@ -151,7 +156,7 @@ class LimitLoad:
         One for each mesh.
     last
         Stress and mechanism of the last mesh, as arrays, in units of the extent of the body and of
-        the largest yield bound.
+        the largest yield bound, as powers of two.
     """
 
     problem: Problem
@@ -179,8 +184,9 @@ class LimitLoad:
 
     @property
     def length(self) -> float:
-        """The extent of the body, the unit of length of ``last``."""
-        return float(np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max())
+        """The unit of length of ``last``: the extent of the body, as a power of two."""
+        extent = np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max()
+        return power_of_two(float(extent))
 
     @cached_property
     def mechanism(self) -> GridFunction | None:
@@ -227,8 +233,9 @@ class LimitLoad:
 
 
 def strongest(problem: Problem) -> float:
-    """The largest yield bound of a body, the unit of stress of ``LimitLoad.last``."""
-    return float(limit_data(problem, growing_names(problem, None)).bound.max())
+    """The unit of stress of ``LimitLoad.last``: the largest yield bound, as a power of two."""
+    bounds = limit_data(problem, growing_names(problem, None)).bound
+    return power_of_two(float(bounds.max()))
 
 
 @one_blas_thread
@@ -330,6 +337,10 @@ class Search:
         within = FINISHED * self.tolerance
         return bracket_on(self.data, self.shape, self.centre, precision, within)
 
+    def singular(self) -> np.ndarray:
+        """Boundary vertices, as booleans, around which stresses jump."""
+        return singular_points(self.data)
+
     def carry(self, data: LimitData, parents: np.ndarray) -> None:
         """Transfer the data and the admissible stress to finer cells."""
         if self.centre is not None:
@@ -362,7 +373,7 @@ class Search:
         if cells.N == 2:
             flow = last.mechanism
             dissipated = last.gaps if flow is None else flow.dissipated
-            fans = fan_cells(last.data, dissipated, width)
+            fans = fan_cells(last.data, self.singular(), dissipated, width)
             finer, parents = bisected_cells(cells, chosen, fans)
             data = last.data.on(finer, parents)
         else:

@@ -6,9 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ENCLOSED = 4.0
-"""Safety factor of rounding errors that are added to the dissipation."""
-
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:

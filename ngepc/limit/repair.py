@@ -46,11 +46,8 @@ class Projection:
         self._found.data = self._inverse * self._right
         return self._rows.T @ self._found.FV().NumPy()
 
-    def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The projection of x, and an estimate of its rounding error.
-
-        The estimate is the change of one more correction.
-        """
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """The projection of x, up to rounding."""
         change = self.change(x)
         for _ in range(ROUNDS):
             x = x + change
@@ -58,4 +55,4 @@ class Projection:
             change = self.change(x)
             if np.abs(change).max() > 0.1 * np.abs(last).max():
                 break
-        return x, np.abs(change)
+        return x

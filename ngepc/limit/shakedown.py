@@ -15,14 +15,15 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from ngsolve import CoefficientFunction, GridFunction, Mesh
+from ngsolve import CF, CoefficientFunction, GridFunction, Mesh
 
 from ngepc.checks.arguments import is_number, require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.checks.sentences import outward
+from ngepc.limit.bisection import singular_points
 from ngepc.limit.bracket import MeshBracket, carried_stress
 from ngepc.limit.cycles import alternating_bound, cycle_bracket_on
-from ngepc.limit.data import LimitData
+from ngepc.limit.data import LimitData, power_of_two
 from ngepc.limit.elastic import EXACT, INITIAL_STRAIN, elastic_stress, without_loads
 from ngepc.limit.fields import mesh_of, stress_function, velocity_function
 from ngepc.limit.load import (
@@ -30,6 +31,7 @@ from ngepc.limit.load import (
     LimitRecord,
     LimitStatus,
     Search,
+    limit_load,
     strongest,
     width_of,
 )
@@ -67,6 +69,10 @@ ESTIMATED = (
     "This is an estimate: the elastic stresses were computed on the mesh of the problem, and the"
     " bounds are those for these stresses."
 )
+COLLAPSES = (
+    "The guaranteed bounds of the limit load of one vertex are below this estimate and take its"
+    " place: the mesh of the problem is too coarse for the elastic stresses."
+)
 ALTERNATES = "Above the upper bound plastic strains alternate at a point."
 GROWS = (
     "Above the upper bound plastic strains grow in each cycle, or the body collapses."
@@ -89,13 +95,15 @@ class ShakedownLoad:
         The factor above which plastic strains alternate at some point, an upper bound.
     exact
         Whether the elastic stresses are exact and the bounds guaranteed.
+    collapses
+        Whether guaranteed bounds of a limit load contradicted an estimate and took its place.
     status
         How the search ended.
     records
         One for each mesh.
     last
         Residual stress and mechanism of the last mesh, as arrays, in units of the extent of the
-        body and of the largest yield bound.
+        body and of the largest yield bound, as powers of two.
     """
 
     problem: Problem
@@ -104,6 +112,7 @@ class ShakedownLoad:
     upper: float
     alternating: float
     exact: bool
+    collapses: bool
     status: LimitStatus
     records: list[LimitRecord]
     last: MeshBracket
@@ -122,6 +131,8 @@ class ShakedownLoad:
     def message(self) -> str:
         """How the search ended, whether the bounds are guaranteed, and what happens above them."""
         worth = GUARANTEED if self.exact else ESTIMATED
+        if self.collapses:
+            return f"{self.status.value} {worth} {COLLAPSES}"
         if not math.isfinite(self.upper):
             return f"{self.status.value} {worth}"
         beyond = ALTERNATES if self.alternates else GROWS
@@ -129,8 +140,9 @@ class ShakedownLoad:
 
     @property
     def length(self) -> float:
-        """The extent of the body, the unit of length of ``last``."""
-        return float(np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max())
+        """The unit of length of ``last``: the extent of the body, as a power of two."""
+        extent = np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max()
+        return power_of_two(float(extent))
 
     @cached_property
     def mesh(self) -> Mesh:
@@ -180,7 +192,9 @@ def shakedown_load(
     flow comes to rest; above it strains alternate (fatigue) or grow in each cycle (ratchetting).
     The bounds are guaranteed where the elastic stresses are affine on the triangles of the mesh:
     displacements of degree two then give them exactly, which is checked.  Elsewhere the result is
-    an estimate and says so; a finer mesh of the problem has better elastic stresses.
+    an estimate and says so; a finer mesh of the problem has better elastic stresses.  No body
+    shakes down above its limit load: where the estimate lies above guaranteed bounds of the limit
+    load of a vertex, these are returned instead.
 
     Parameters
     ----------
@@ -217,17 +231,60 @@ def shakedown_load(
     corners = checked_vertices(problem, vertices)
     search = CycleSearch(problem, corners)
     status = search.run(relative_width, max_cells, monitor)
+    bounds = (search.lower * search.unit, search.upper * search.unit)
+    collapse = (math.inf, math.inf)
+    if not search.exact:
+        collapse = collapse_bounds(problem, corners, relative_width, max_cells)
     return ShakedownLoad(
         problem,
         corners,
-        search.lower * search.unit,
-        search.upper * search.unit,
+        min(bounds[0], collapse[0]) if bounds[1] > collapse[1] else bounds[0],
+        min(bounds[1], collapse[1]),
         search.alternating * search.unit,
         search.exact,
+        bounds[1] > collapse[1],
         status,
         search.records,
         search.last,
     )
+
+
+def collapse_bounds(
+    problem: Problem,
+    vertices: Sequence[Mapping[str, float]],
+    relative_width: float,
+    max_cells: int,
+) -> tuple[float, float]:
+    """Guaranteed bounds of the smallest limit load of the vertices, infinite without forces."""
+    varying = {name for corner in vertices for name in corner}
+    forces = {*problem.tractions}
+    if problem.body_force is not None:
+        forces.add(BODY_FORCE)
+    lower = math.inf
+    upper = math.inf
+    for corner in vertices:
+        acting = [name for name in forces if corner.get(name, 0.0) != 0]
+        if not acting:
+            continue
+        alone = without_loads(problem, [*(varying - {*acting}), INITIAL_STRAIN])
+        loaded = multiplied(alone, {name: corner[name] for name in acting})
+        found = limit_load(loaded, relative_width, sorted(acting), max_cells=max_cells)
+        lower = min(lower, found.lower)
+        upper = min(upper, found.upper)
+    return lower, upper
+
+
+def multiplied(problem: Problem, factors: Mapping[str, float]) -> Problem:
+    """The problem with the loads of these names multiplied by factors."""
+    changed = {}
+    for field in ("traction", "pressure"):
+        given = getattr(problem, field) or {}
+        changed[field] = {
+            name: CF(g) * factors.get(name, 1.0) for name, g in given.items()
+        }
+    if BODY_FORCE in factors:
+        changed[BODY_FORCE] = CF(problem.body_force) * factors[BODY_FORCE]
+    return problem.changed(**changed)
 
 
 def checked_vertices(
@@ -294,12 +351,14 @@ class CycleSearch(Search):
         factors = np.array(
             [[corner.get(name, 0.0) for name in names] for corner in vertices]
         )
-        elastic = np.tensordot(factors, np.stack([a for a, _ in found]), axes=1)
-        residuals = factors @ np.stack([b for _, b in found])
+        residuals = factors @ np.stack([rest for _, rest, _ in found])
+        elastic = np.tensordot(factors, np.stack([a for a, _, _ in found]), axes=1)
+        self.loads = [data for _, _, data in found]
         self.exact = bool(np.abs(residuals).max() <= EXACT * np.abs(elastic).max())
         size = float(np.abs(elastic[..., shape.free :]).max())
-        self.unit = float(data.bound.max()) / (size or 1.0)
-        self.elastic = elastic / (size or 1.0)
+        size = power_of_two(size or 1.0)
+        self.unit = power_of_two(float(data.bound.max())) / size
+        self.elastic = elastic / size
         self.alternating = alternating_bound(self.data, shape, self.elastic)
         self.upper = self.alternating
 
@@ -314,4 +373,9 @@ class CycleSearch(Search):
         self.elastic = np.stack(
             [carried_stress(self.data, data, parents, part) for part in self.elastic]
         )
+        self.loads = [load.on(data.cells, parents) for load in self.loads]
         super().carry(data, parents)
+
+    def singular(self) -> np.ndarray:
+        """Boundary vertices, as booleans, around which the stresses of some load jump."""
+        return np.any([singular_points(load) for load in self.loads], axis=0)

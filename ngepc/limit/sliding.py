@@ -15,8 +15,20 @@ from scipy.sparse import csr_matrix, diags, eye, kron, vstack
 from ngepc.bounds.simplices import FACETS
 from ngepc.limit.bernstein import chains, parts_of
 from ngepc.limit.data import GROWS, STAYS, LimitData
+from ngepc.limit.enclosed import Enclosed, joined_enclosures
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
-from ngepc.limit.mechanism import ENCLOSED, Mechanism
+from ngepc.limit.flow_proof import (
+    NOTHING,
+    ROUNDED,
+    coordinates,
+    divergences,
+    gradients,
+    power_of,
+    proved,
+    removal,
+)
+from ngepc.limit.mechanism import Mechanism
+from ngepc.limit.outline import Outline
 from ngepc.limit.reading import completed_frame
 from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import SLIP, YieldShape
@@ -46,6 +58,7 @@ class SlidingVelocities:
         self.data = data
         self.shape = shape
         cells = data.cells
+        self.outline = Outline(cells)
         N = cells.N
         self.through = self._through()
         fluxes = self._flux_speeds()
@@ -234,42 +247,101 @@ class SlidingVelocities:
             result.append(DissipatedPart(part, N - 1, cost[chosen]))
         return tuple(result)
 
+    def _exact_velocity(self, fluxes: np.ndarray) -> Enclosed:
+        """The velocity at the vertices of cells whose normal components are these numbers."""
+        cells = self.data.cells
+        N = cells.N
+        areas = self.outline.areas
+        slope = (areas * areas).sum(axis=2).root() / (self.outline.volumes * N)[:, None]
+        x = Enclosed(cells.points)[cells.nodes]
+        terms: list[list[Enclosed]] = [[] for _ in range(N + 1)]
+        for k, vertices in enumerate(FACETS[N]):
+            for m, i in enumerate(vertices):
+                along = (x[:, i] - x[:, k]) * slope[:, k, None]
+                flux = fluxes[cells.slot[:, k, m]] * cells.sign[:, k]
+                terms[i].append(along * flux[:, None])
+        result = []
+        for parts in terms:
+            whole = parts[0]
+            for part in parts[1:]:
+                whole = whole + part
+            result.append(whole)
+        return joined_enclosures(result)
+
+    def _jumps(self, velocity: Enclosed) -> Enclosed:
+        """Velocities of the first cell less those of the second one at facets, (nf, N, N)."""
+        cells = self.data.cells
+        N = cells.N
+        sides = []
+        at_facets = velocity[:, np.array(FACETS[N])]
+        for sign in (1, -1):
+            chosen = np.broadcast_to(cells.sign[:, :, None] == sign, cells.slot.shape)
+            places = cells.slot[chosen]
+            middle = np.zeros((cells.facets.size, N))
+            radius = np.zeros((cells.facets.size, N))
+            middle[places] = at_facets.middle[chosen]
+            radius[places] = at_facets.radius[chosen]
+            sides.append(Enclosed(middle, radius).reshape(-1, N, N))
+        return sides[0] - sides[1]
+
     def mechanism(self, solution: np.ndarray) -> Mechanism:
         """The admissible mechanism nearest to a solution, with its dissipation enclosed."""
         data = self.data
         cells = data.cells
+        shape = self.shape
         N = cells.N
-        y, left = self.flow.admissible(solution)
-        unsure = ENCLOSED * left
-        slips = self.slips.vectors.at(y).reshape(-1, N, N - 1)
+        y = self.flow.admissible(solution)
+        fluxes = self.fluxes.at(y)
+        touched = np.repeat(data.contact, N)
+        fluxes[touched] = np.minimum(fluxes[touched], 0.0)
+        velocity = self._exact_velocity(fluxes)
+        coefficients = velocity[:, chains(N, 1)[:, 0]]
+        gradient = gradients(self.outline, coefficients, 1)
+        strain, error = coordinates(shape, gradient)
+        removed = NOTHING
+        if shape.free:
+            removed = removal(data, self.outline, divergences(gradient), 0)
+        lengths = np.linalg.norm(strain[:, 0, shape.free :], axis=1)
+        dissipated = data.bound * (lengths * (1 + ROUNDED) + error[:, 0])
+        jumps = self._jumps(velocity) - data.motion
+        slips = jumps.middle.copy()
+        slips[cells.outer] = self._held_part(slips)[cells.outer]
+        slipped = self._slipped(slips, jumps.length().max(axis=1), jumps)
+        powers = tuple(
+            power_of(data, self.outline, coefficients, 1, kind)
+            for kind in (GROWS, STAYS)
+        )
+        others = float(slipped.sum()) * (1 + ROUNDED) + self._rubbed(y, velocity)
+        found = proved(data, powers, removed, dissipated, others)
+        power = found.power
+        return Mechanism(
+            coefficients.middle / power,
+            1,
+            strain / cells.volume[:, None, None] / power,
+            found.dissipated / power,
+            slips / power,
+            slipped / power,
+            found.factor,
+        )
+
+    def _slipped(
+        self, slips: np.ndarray, sizes: np.ndarray, jumps: Enclosed
+    ) -> np.ndarray:
+        """What slips (nf, N, N) at the vertices of facets dissipate on them at most."""
+        N = self.data.cells.N
         costs = self.slips.weights.reshape(-1, N).sum(axis=1)
-        slipped = np.zeros(len(cells.facets))
-        parts = np.linalg.norm(parts_of(N - 1, 1, CUTS) @ slips, axis=2)
-        slipped[self.slides] = costs * parts.mean(axis=1)
-        total = float(slipped.sum())
-        strained = self.flow.parts[0]
-        for part in (strained, *self.rubbing):
-            total += float(part.weights @ part.lengths(y))
-        for part in (strained, self.slips, *self.rubbing):
-            extra = abs(part.vectors.rows) @ unsure
-            extra = np.linalg.norm(extra.reshape(-1, part.size), axis=1)
-            total += float(part.weights @ extra)
-        grows = self.flow.power[GROWS]
-        power = 1.0
-        if not data.moves:
-            power = float(grows.at(y)[0] - (abs(grows.rows) @ unsure)[0])
-        factor = (total - float(self.flow.power[STAYS].at(y)[0])) / power
-        values = self.velocity.at(y).reshape(-1, N + 1, N)
-        values = values[:, chains(N, 1)[:, 0]] / power
-        strain = self._applied(self.strain).at(y).reshape(len(cells.nodes), -1)
-        strain = strain / (cells.volume ** (1 / N))[:, None] / power
-        dissipated = data.bound * cells.volume
-        dissipated *= np.linalg.norm(strain[:, self.shape.free :], axis=1)
-        strain = strain[:, None]
-        slipped /= power
-        axes = np.tile(np.eye(N), (len(cells.facets), 1, 1))
-        jumps = self._applied(self._at_facets(axes, both=True)).at(y)
-        jumps = jumps.reshape(len(cells.facets), N, N) - data.motion
-        jumps[cells.outer] = self._held_part(jumps)[cells.outer]
-        jumps /= power
-        return Mechanism(values, 1, strain, dissipated, jumps, slipped, factor)
+        error = np.linalg.norm(jumps.radius, axis=2).max(axis=1) + ROUNDED * sizes
+        parts = parts_of(N - 1, 1, CUTS) @ slips[self.slides]
+        lengths = np.linalg.norm(parts, axis=2).mean(axis=1)
+        result = np.zeros(len(slips))
+        result[self.slides] = costs * (lengths + error[self.slides])
+        return result
+
+    def _rubbed(self, y: np.ndarray, velocity: Enclosed) -> float:
+        """What friction dissipates at most."""
+        total = 0.0
+        fastest = float(velocity.size.max())
+        for part in self.rubbing:
+            lengths = part.lengths(y) + ROUNDED * fastest
+            total += float(part.weights @ lengths) * (1 + ROUNDED)
+        return total

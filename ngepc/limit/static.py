@@ -14,6 +14,7 @@ from scipy.sparse import coo_matrix, csr_matrix, hstack, vstack
 from ngepc.bounds.simplices import FACETS
 from ngepc.limit.data import LimitData
 from ngepc.limit.repair import Projection
+from ngepc.limit.statics_proof import Defect, StressDefects
 from ngepc.limit.yielding import SLIP as SLIP
 from ngepc.limit.yielding import YieldShape
 from ngepc.linalg.conic import ConeProgram, ConeSolution, cone_solution
@@ -21,8 +22,14 @@ from ngepc.linalg.conic import ConeProgram, ConeSolution, cone_solution
 TOUCHES = 1e-7
 """Contact pressure, relative to the largest yield bound, below which it is set to zero."""
 
-ENCLOSED = 4.0
-"""Safety factor of rounding errors that are subtracted from the strength."""
+SAFE = 2.0
+"""Room that a stress is given for its defect, over the defect."""
+
+ATTEMPTS = 4
+"""How often the room for the defect is made larger."""
+
+ROUNDED = 1e-14
+"""Relative rounding error of sizes of stresses; they take less than 40 operations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +74,7 @@ class Statics:
         self.equations = self._with_factor(vstack([inner, known]), -grown)
         self.values = np.concatenate([inner_value, known_value])
         growing, staying = self._given
+        self.equilibrium = StressDefects(data)
         self.pressed = self._with_factor(-self.traction[normals], growing[normals])
         self.least = -staying[normals]
         self._drag_rows(dragged)
@@ -146,7 +154,11 @@ class Statics:
 
     def strengths(self) -> np.ndarray:
         """The yield bound at each vertex of each cell."""
-        return np.repeat(self.data.bound, self.data.cells.N + 1)
+        return self.at_vertices(self.data.bound)
+
+    def at_vertices(self, values: np.ndarray) -> np.ndarray:
+        """Values of cells at each of their vertices."""
+        return np.repeat(values, self.data.cells.N + 1)
 
     def gain(self) -> np.ndarray:
         """The objective of the lower bound, as a vector for x.
@@ -221,8 +233,8 @@ class Statics:
             cones,
         )
 
-    def balanced(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x after the smallest change of stress to equilibrium, and its rounding error.
+    def balanced(self, x: np.ndarray) -> np.ndarray:
+        """x after the smallest change of stress to equilibrium, up to rounding.
 
         Tiny contact pressures become zero.
         """
@@ -233,40 +245,68 @@ class Statics:
             rows = vstack([self.equations, self.pressed[active]], format="csc")
             values = np.concatenate([self.values, self.least[active]])
             load = values - x[-1] * rows[:, -1].toarray()[:, 0]
-            x[:-1], left = Projection(csr_matrix(rows[:, :-1]), load)(x[:-1])
+            x[:-1] = Projection(csr_matrix(rows[:, :-1]), load)(x[:-1])
             pull = (self.least - self.pressed @ x)[~active]
             if not (pull > 0).any():
-                return x, left
+                return x
 
-    def admissible(
-        self, x: np.ndarray, centre: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The last admissible point on the segment from an admissible ``centre`` to x.
+    def admissible(self, x: np.ndarray, centre: np.ndarray) -> np.ndarray | None:
+        """The point on the way from an admissible ``centre`` to x that is balanced and safe.
 
-        Returns the point, in equilibrium, and its position on the segment: 1 if x itself satisfies
-        the yield condition.
+        Its stress is within the yield bound by the defect of its equilibrium; None where no such
+        point is found.
         """
-        x, left = self.balanced(x)
-        margin = ENCLOSED * float(left.max())
+        x = self.balanced(x)
+        defect = np.zeros(len(self.data.bound))
+        for _ in range(ATTEMPTS):
+            x = self._towards(x, centre, SAFE * self.at_vertices(defect))
+            defect = self.defect(x).stress
+            if (self.used(x) + self.at_vertices(defect) <= self.strengths()).all():
+                return x
+        return None
+
+    def used(self, x: np.ndarray) -> np.ndarray:
+        """|dev sigma| at the places of ``strengths``, with its rounding error."""
+        whole = np.linalg.norm(self.coordinates(x), axis=2).max(axis=1)
+        return self.capped(x) + ROUNDED * self.at_vertices(whole)
+
+    def _towards(
+        self, x: np.ndarray, centre: np.ndarray, margin: np.ndarray
+    ) -> np.ndarray:
+        """The point nearest to x, on its way from the centre, that has a margin to the strength."""
         part = 1.0
-        for size, bound in (
-            (self.capped, self.strengths()),
-            (self.dragging, self.drag_offset[:, 0]),
-        ):
-            inside = size(centre)
-            outside = size(x)
-            room = bound * (1 - 1e-14) - margin - inside
+        strengths = self.strengths()
+        # where friction has the bound zero the defect answers for what rounding leaves
+        drags = self.drag_offset[:, 0]
+        drags = np.where(drags > 0, drags, ROUNDED)
+        sides = (
+            (self.used(centre), self.used(x), strengths - margin),
+            (self.dragging(centre), self.dragging(x), drags),
+        )
+        for inside, outside, bound in sides:
+            room = bound * (1 - ROUNDED) - inside
             need = outside - inside
             beyond = need > room
             if beyond.any():
                 part = min(part, float((room[beyond] / need[beyond]).min()))
-        return centre + part * (x - centre), part
+        return centre + max(part, 0.0) * (x - centre)
+
+    def coordinates(self, x: np.ndarray) -> np.ndarray:
+        """Of the stress at the vertices of the cells, (nc, N + 1, s)."""
+        return x[:-1].reshape(len(self.data.cells.nodes), self.data.cells.N + 1, -1)
+
+    def defect(self, x: np.ndarray) -> Defect:
+        """What the stress of x needs to be in equilibrium with the loads of x."""
+        tensors = np.einsum("tic,cpq->tipq", self.coordinates(x), self.shape.basis)
+        return self.equilibrium.defect(tensors, float(x[-1]))
 
     def stress(self, x: np.ndarray) -> AdmissibleStress:
-        """The stress of x with its load factor."""
-        cells = self.data.cells
-        coordinates = x[:-1].reshape(len(cells.nodes), cells.N + 1, -1)
-        return AdmissibleStress(coordinates, float(self.gain() @ x))
+        """The stress and the factor of x; for supports that move no more than their power."""
+        gain = self.gain()
+        factor = float(gain @ x)
+        if self.data.moves:
+            factor -= ROUNDED * float(np.abs(gain) @ np.abs(x)) + self.defect(x).power
+        return AdmissibleStress(self.coordinates(x), factor)
 
 
 def traction_rows(data: LimitData, shape: YieldShape) -> csr_matrix:
