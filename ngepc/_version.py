@@ -1,3 +1,3 @@
 """The version of ngepc, on its own so that it can be read without importing NGSolve."""
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"

@@ -122,6 +122,8 @@ def test_citation_files_agree():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     readme = (ROOT / "README.md").read_text("utf-8")
     assert citation["version"] == ngepc.__version__
+    release = f"## {citation['version']} ({citation['date-released']})"
+    assert release in (ROOT / "CHANGELOG.md").read_text("utf-8").splitlines()
     assert f"version = {{{citation['version']}}}" in readme
     for title in (citation["title"], citation["references"][0]["title"]):
         assert title in readme.replace("{Newton}", "Newton")
