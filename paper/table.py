@@ -13,7 +13,7 @@ RESULTS = HERE.parent / "results" / "accuracy.json"
 
 PROGRAMS = {
     "default": "ngepc",
-    "order 1": "ngepc, order 1",
+    "default, bricks": "ngepc, hexahedra",
     "ccx": "CalculiX",
     "ccx, bricks": "CalculiX, hexahedra",
 }
