@@ -13,9 +13,9 @@ RESULTS = HERE.parent / "results" / "accuracy.json"
 
 PROGRAMS = {
     "default": "ngepc",
-    "default, bricks": "ngepc, hexahedra",
+    "default, bricks": "ngepc, bricks",
     "ccx": "CalculiX",
-    "ccx, bricks": "CalculiX, hexahedra",
+    "ccx, bricks": "CalculiX, bricks",
 }
 """Programs of the study -> names in the table."""
 
