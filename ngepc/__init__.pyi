@@ -106,8 +106,8 @@ from ngepc.sensitivity.functionals import DisplacementAt as DisplacementAt
 from ngepc.sensitivity.functionals import Reaction as Reaction
 from ngepc.sensitivity.functionals import misfit as misfit
 from ngepc.sensitivity.gradient import Gradient as Gradient
-from ngepc.sensitivity.gradient import TangentResult as TangentResult
 from ngepc.sensitivity.gradient import gradient as gradient
-from ngepc.sensitivity.gradient import tangent as tangent
 from ngepc.sensitivity.parameters import Direction as Direction
 from ngepc.sensitivity.response import Response as Response
+from ngepc.sensitivity.tangent import TangentResult as TangentResult
+from ngepc.sensitivity.tangent import tangent as tangent

@@ -6,6 +6,7 @@ points determine them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -144,11 +145,16 @@ class BoundData:
         result[self._turned, 1:] = result[self._turned, :0:-1]
         return result
 
-    def on_parts(self, values: np.ndarray) -> np.ndarray:
-        """Values at the points of the parts (nt, ., c); one value for each cell if constant."""
+    def on_parts(
+        self, values: np.ndarray, tables: Mapping[int, np.ndarray] = AT_POINTS
+    ) -> np.ndarray:
+        """Values at the points of the parts (nt, ., c); one value for each cell if constant.
+
+        With ``TO_NODES`` they are values at the nodes of the parts.
+        """
         if self.each == 1:
             return values[:, None]
-        return np.matmul(AT_POINTS[self.each], self.at_corners(values))
+        return np.matmul(tables[self.each], self.at_corners(values))
 
     def energy(self, state: State) -> float:
         """Upper bound of J(u), with the friction of ``contact``."""

@@ -262,7 +262,7 @@ class BoundPart:
         volume, owner = self._parts
         trace, deviator = bound_data.discrete.points.strain(adjoint.z)
         wanted = np.column_stack(self._moduli.stress(trace, deviator))
-        wanted = on_nodes(bound_data, wanted)
+        wanted = bound_data.on_parts(wanted, TO_NODES)
         law = bound_data.discrete.law
         tau = completed_near(adjoint.stress, wanted, law, bound_data.each)
         tau = self._on_parts(tau)
@@ -278,13 +278,6 @@ class BoundPart:
         residual = -float(_work(self._data, strain) @ volume)
         fields = tau, self._sigma, self._data, strain, owner, volume
         return Integrand(*fields, residual, *rest)
-
-
-def on_nodes(bound_data: BoundData, values: np.ndarray) -> np.ndarray:
-    """Values at the nodes of the parts, or one for each cell, of functions given at points."""
-    if bound_data.each == 1:
-        return values[:, None]
-    return np.matmul(TO_NODES[bound_data.each], bound_data.at_corners(values))
 
 
 def _work(data: PointData, strain: Stresses) -> np.ndarray:

@@ -21,13 +21,12 @@ from scipy.sparse import csr_matrix, diags, eye, vstack
 from scipy.sparse.linalg import spsolve
 
 from ngepc.checks.arguments import Coefficient
+from ngepc.discretisation.gap_records import gap_records, mapped_facets
 from ngepc.discretisation.loads import Supports, given_at, nodal, nodes_at
 from ngepc.discretisation.mortar import mortar_rows
 from ngepc.discretisation.rows import (
     ContactRows,
-    gap_records,
     joined,
-    mapped_facets,
     meeting_faces,
     rows_along,
     rows_and_gaps,

@@ -114,10 +114,6 @@ class HillLaw(Law):
         w = at.radius[:, None] * at.normal
         return np.where(at.yields[:, None], w, at.trial)
 
-    def projected(self, w: np.ndarray, at: Return) -> np.ndarray:
-        """See ``Law``: shortened."""
-        return (at.radius / np.maximum(self.measured(w), at.radius))[:, None] * w
-
     def _linear(self, at: Return) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """G, b and D where s yields."""
         M = self.modulus

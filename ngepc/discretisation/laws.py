@@ -1,9 +1,10 @@
 """The choice of the law at the integration points for a problem."""
 
 from ngepc.discretisation.hill_law import HillLaw
-from ngepc.discretisation.law import Law, VonMisesLaw
+from ngepc.discretisation.law import Law
 from ngepc.discretisation.overlay_law import OverlayLaw
 from ngepc.discretisation.points import Points
+from ngepc.discretisation.von_mises_law import VonMisesLaw
 from ngepc.model.data import ProblemData
 
 

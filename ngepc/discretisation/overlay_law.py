@@ -17,9 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.discretisation.law import ROUNDING, Law, Return, VonMisesLaw
+from ngepc.discretisation.law import ROUNDING, Law, Return
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.resistance import EXACT, Resistance
+from ngepc.discretisation.von_mises_law import VonMisesLaw
 from ngepc.model.data import ProblemData
 
 NEVER = 1e80  # bound, in units of 2 mu, of the sub-element that does not yield

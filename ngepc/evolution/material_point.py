@@ -14,7 +14,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.law import Return
 from ngepc.discretisation.laws import law_of
 from ngepc.evolution.load_path import numbers_in
-from ngepc.evolution.result import Memory
+from ngepc.evolution.memory import Memory
 from ngepc.geometries import block
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.model.data import ProblemData

@@ -21,17 +21,12 @@ from ngepc.bounds.transfer import check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.discretisation.loads import displacement_space
+from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.increments import Increments
 from ngepc.evolution.load_path import Schedule, as_schedule
+from ngepc.evolution.memory import Memory, check_kind
 from ngepc.evolution.remarks import remarks
-from ngepc.evolution.result import (
-    Evolution,
-    EvolutionFile,
-    EvolutionStep,
-    Memory,
-    StepRecord,
-    check_kind,
-)
+from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import RepeatedSolver
 from ngepc.model.features import require_covered
@@ -396,7 +391,7 @@ class _Run:
         return ""
 
     def _append(self, step: EvolutionStep) -> None:
-        memory = self.evolution.memory.after_step(step)
+        memory = self.evolution.memory.after_step(step.problem, step.fields)
         if self.error is not None:
             memory = memory.as_bounds_need_it()
         self.evolution.memory = memory

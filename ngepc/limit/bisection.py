@@ -61,13 +61,18 @@ def fan_angle(width: float) -> float:
     return min(WIDEST, RESOLVED * math.sqrt(width / AT_WIDTH))
 
 
+def corner_angles(cells: Simplices) -> np.ndarray:
+    """The angles of triangles at their vertices, (nc, 3)."""
+    x = cells.points[cells.nodes]
+    sides = np.roll(x, -1, axis=1) - x
+    return np.stack([_angle(sides[:, k], -sides[:, k - 1]) for k in range(3)], axis=1)
+
+
 def singular_points(data: LimitData) -> np.ndarray:
     """Boundary vertices where loads or supports change, and re-entrant corners, as booleans."""
     cells = data.cells
     count = len(cells.points)
-    x = cells.points[cells.nodes]
-    sides = np.roll(x, -1, axis=1) - x
-    angle = np.stack([_angle(sides[:, k], -sides[:, k - 1]) for k in range(3)], axis=1)
+    angle = corner_angles(cells)
     total = np.bincount(cells.nodes.ravel(), angle.ravel(), minlength=count)
     outer = np.flatnonzero(cells.outer)
     ends = cells.facets[outer]
@@ -111,9 +116,7 @@ def fan_cells(
     most = fan_angle(width)
     cells = data.cells
     singular = singular[cells.nodes]
-    x = cells.points[cells.nodes]
-    sides = np.roll(x, -1, axis=1) - x
-    angle = np.stack([_angle(sides[:, k], -sides[:, k - 1]) for k in range(3)], axis=1)
+    angle = corner_angles(cells)
     density = dissipated / cells.volume
     busy = density > 0.1 * dissipated.sum() / cells.volume.sum()
     busy |= width > WIDE

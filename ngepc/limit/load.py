@@ -277,10 +277,7 @@ def limit_load(
     ImportError
         If Clarabel, the solver of conic programs, is not installed.
     """
-    require_instance("problem", problem, Problem, "a Problem")
-    require_number("relative_width", relative_width, 0, strict=True)
-    require_integer("max_cells", max_cells, 1)
-    require_function("monitor", monitor, "a record", optional=True)
+    check_search(problem, relative_width, max_cells, monitor)
     check_limit_problem(problem, "a limit load")
     names = growing_names(problem, growing)
     shape = SHAPES[problem.kinematics.name]
@@ -288,6 +285,16 @@ def limit_load(
     status = search.run(relative_width, max_cells, monitor)
     bounds = (search.lower * search.unit, search.upper * search.unit)
     return LimitLoad(problem, names, *bounds, status, search.records, search.last)
+
+
+def check_search(
+    problem: object, relative_width: object, max_cells: object, monitor: object
+) -> None:
+    """Check the arguments that limit loads and shakedown loads share."""
+    require_instance("problem", problem, Problem, "a Problem")
+    require_number("relative_width", relative_width, 0, strict=True)
+    require_integer("max_cells", max_cells, 1)
+    require_function("monitor", monitor, "a record", optional=True)
 
 
 class Search:

@@ -17,8 +17,7 @@ from itertools import product
 import numpy as np
 from ngsolve import CF, CoefficientFunction, GridFunction, Mesh
 
-from ngepc.checks.arguments import is_number, require_integer, require_number
-from ngepc.checks.kinds import require_function, require_instance
+from ngepc.checks.arguments import is_number
 from ngepc.checks.sentences import outward
 from ngepc.limit.bisection import singular_points
 from ngepc.limit.bracket import MeshBracket, carried_stress
@@ -31,6 +30,7 @@ from ngepc.limit.load import (
     LimitRecord,
     LimitStatus,
     Search,
+    check_search,
     limit_load,
     strongest,
     width_of,
@@ -222,10 +222,7 @@ def shakedown_load(
     ImportError
         If Clarabel, the solver of conic programs, is not installed.
     """
-    require_instance("problem", problem, Problem, "a Problem")
-    require_number("relative_width", relative_width, 0, strict=True)
-    require_integer("max_cells", max_cells, 1)
-    require_function("monitor", monitor, "a record", optional=True)
+    check_search(problem, relative_width, max_cells, monitor)
     require_covered(problem, "a shakedown load", SHAKEDOWN_COVERS)
     check_limit_problem(problem.changed(initial_strain=None), "a shakedown load")
     corners = checked_vertices(problem, vertices)

@@ -297,3 +297,10 @@ def order_note(problem: ProblemData, why: str = "") -> str:
         f"Displacements are of order 1{why}: they are too stiff in bending and where plastic flow "
         "preserves the volume (docs/locking.md)."
     )
+
+
+def moved_gap(gap: object, distance: float) -> object:
+    """A gap, or gaps by boundary, increased by a distance."""
+    if isinstance(gap, Mapping):
+        return {name: moved_gap(one, distance) for name, one in gap.items()}
+    return gap + distance

@@ -10,6 +10,7 @@ import numpy as np
 
 from ngepc.checks.arguments import is_number, require_number, sample
 from ngepc.evolution.load_path import scaled
+from ngepc.model.data import moved_gap
 from ngepc.model.places import Roller, values_at
 from ngepc.model.problem import Problem
 
@@ -141,15 +142,8 @@ def changed(
             material[name] = value
     if values.get("obstacle"):
         gap = changes.get("gap", problem.gap)
-        changes["gap"] = shifted(gap, values["obstacle"])
+        changes["gap"] = moved_gap(gap, values["obstacle"])
     if material:
         changes["material"] = replace(problem.material, **material)
     moved = problem.changed(**changes) if changes else problem
     return change(moved, **own) if own else moved
-
-
-def shifted(gap: object, distance: float) -> object:
-    """Gaps, one or by boundary, that are wider by a distance."""
-    if isinstance(gap, Mapping):
-        return {name: shifted(one, distance) for name, one in gap.items()}
-    return gap + distance

@@ -11,8 +11,9 @@ from ngsolve import H1, CoefficientFunction, Grad, GridFunction, Norm, VectorH1
 
 from ngepc.checks.sentences import in_percent
 from ngepc.discretisation.body import Iterate
+from ngepc.discretisation.gap_records import deepest_overlap
 from ngepc.discretisation.mortar import deepest_pair_overlap
-from ngepc.discretisation.rows import ContactRows, deepest_overlap
+from ngepc.discretisation.rows import ContactRows
 from ngepc.discretisation.sampled import hidden_overlap, what_is_unseen
 from ngepc.model.data import order_note
 from ngepc.model.elements import plastic_points, vertex_coordinates

@@ -22,9 +22,10 @@ from ngepc.evolution.solver import evolve
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
-from ngepc.sensitivity.gradient import states_of, tangents_at
+from ngepc.sensitivity.gradient import states_of
 from ngepc.sensitivity.law_data import PARTS, PartDatum, is_of_part, with_constants
 from ngepc.sensitivity.parameters import MATERIAL
+from ngepc.sensitivity.tangent import tangents_at
 
 ILL_CONDITIONED = (
     1e8  # condition of J' J; above it the data do not identify all constants

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from ngepc.checks.kinds import require_instance, require_text
 from ngepc.evolution.load_path import scaled
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import RepeatedSolver
+from ngepc.model.data import moved_gap
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.gradient import gradient
@@ -84,7 +85,7 @@ class Response:
             if name in FACTORS:
                 changes[name] = scaled(given, value)
             elif name == "gap":
-                changes[name] = moved(given, value)
+                changes[name] = moved_gap(given, value)
             else:
                 constants[name] = value
         if constants:
@@ -116,10 +117,3 @@ class Response:
         raise ValueError(
             f"parameters: {name!r} is none of {', '.join([*numbers, *there])}"
         )
-
-
-def moved(gap: object, distance: float) -> object:
-    """A gap, or gaps by boundary, increased by a distance."""
-    if isinstance(gap, Mapping):
-        return {name: moved(one, distance) for name, one in gap.items()}
-    return gap + distance

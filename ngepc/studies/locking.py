@@ -15,6 +15,7 @@ from ngepc.local.system import DiscreteProblem
 from ngepc.model.problem import Problem
 from ngepc.model.tensile import lame_parameters
 from ngepc.results.iteration import newton_iteration
+from ngepc.results.result import Result
 from ngepc.studies.examples import timed
 from ngepc.studies.solid_problems import ELASTIC, metal
 from ngepc.studies.work import OverMeshes, first_of
@@ -53,7 +54,7 @@ def cook(mesh: Callable[..., Mesh], n: int, order: int) -> Problem:
     )
 
 
-def deflection(result: ExactResult) -> float:
+def deflection(result: Result) -> float:
     """Deflection of the cantilever's tip over that of beam theory (plane strain)."""
     young = 1000.0 / (1 - POISSON**2)
     nu = POISSON / (1 - POISSON)
@@ -61,13 +62,13 @@ def deflection(result: ExactResult) -> float:
     return float(result.displacement(result.problem.mesh(10 - 1e-9, 0.0))[1]) / beam
 
 
-def pressure(result: ExactResult) -> float:
+def pressure(result: Result) -> float:
     """The mean pressure over that of Prandtl, (2 + pi) k with k = 1."""
     return result.contact_force / 0.5 / (2 + math.pi)
 
 
-def tip(result: ExactResult) -> float:
-    """The displacement of the upper right corner of the membrane."""
+def tip(result: Result) -> float:
+    """The vertical displacement of the upper right corner of Cook's membrane (length)."""
     return float(result.displacement(result.problem.mesh(48 - 1e-9, 60 - 1e-6))[1])
 
 

@@ -4,7 +4,7 @@ A rigid sphere on a block, and a roller on a block as a pair of bodies, on meshe
 """
 
 import numpy as np
-from ngsolve import sqrt, x, y
+from ngsolve import Mesh, sqrt, x, y
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngepc.local.result import ExactResult
@@ -37,20 +37,25 @@ CELLS = {
 """Body and elements -> cells along an edge, or the width of elements at the contact."""
 
 
-def sphere(cells: int, order: int, *, hexahedra: bool) -> Problem:
-    """A quarter of a block under a rigid sphere; cells grow away from the point of contact."""
+def graded_quarter(cells: int, *, hexahedra: bool) -> Mesh:
+    """A quarter of a block; cells grow away from the point of contact, (0, 0, 1)."""
 
     def graded(s: float) -> float:
         """A coordinate that grades the mesh towards zero."""
         return s * (0.35 + 0.65 * s)
 
-    mesh = MakeStructured3DMesh(
+    return MakeStructured3DMesh(
         hexes=hexahedra,
         nx=cells,
         ny=cells,
         nz=3 * cells // 2,
         mapping=lambda x, y, z: (graded(x) / 2, graded(y) / 2, 1 - graded(1 - z)),
     )
+
+
+def sphere(cells: int, order: int, *, hexahedra: bool) -> Problem:
+    """A quarter of a block under a rigid sphere."""
+    mesh = graded_quarter(cells, hexahedra=hexahedra)
     elastic = {"lame_lambda": 1e3, "lame_mu": 1e3, "yield_stress": 0.5}
     steel = Material.kinematic(**elastic, hardening=100.0)
     held = {"back": (0, None, None), "left": (None, 0, None)}

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ngepc.discretisation.mortar import _candidates, overlap
+from ngepc.discretisation.overlap import _candidates, overlap
 
 
 def square(n, height, up, shift=0.0, size=1.0):

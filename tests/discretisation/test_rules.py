@@ -7,7 +7,7 @@ import pytest
 from ngsolve import BND, CF, H1, VOL, ElementId, GridFunction, IfPos, VectorH1, x, y
 
 from ngepc import Material, Problem
-from ngepc.discretisation.mortar import Surface, pairs_of
+from ngepc.discretisation.overlap import Surface, pairs_of
 from ngepc.discretisation.prolongation import values_at_points
 from ngepc.discretisation.sampling import Scan, degree_two, parts_of_simplex
 from ngepc.geometries import block

@@ -14,7 +14,7 @@ from bodies import FLAT
 from ngsolve import CF, IfPos, InnerProduct, Integrate, ds, dx, specialcf, x
 
 from ngepc.evolution.load_path import Schedule, load_cycle
-from ngepc.evolution.result import Memory
+from ngepc.evolution.memory import Memory
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.geometries import block, lshape
 from ngepc.methods.newton import semismooth_newton

@@ -10,7 +10,7 @@ from ngepc import Material, Problem, Voce, evolve, load_cycle, semismooth_newton
 from ngepc.bounds.adaptive import Refinement
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.transfer import bisected, on_mesh
-from ngepc.evolution.result import Memory
+from ngepc.evolution.memory import Memory
 from ngepc.geometries import block
 from ngepc.sensitivity.gradient import states_of
 

@@ -20,7 +20,8 @@ from ngepc import (
 )
 from ngepc.geometries import block, lshape
 from ngepc.sensitivity.contact import LinearContact, biactive_set
-from ngepc.sensitivity.gradient import gradient, states_of, tangent, tangents_at
+from ngepc.sensitivity.gradient import gradient, states_of
+from ngepc.sensitivity.tangent import tangent, tangents_at
 
 
 @pytest.mark.parametrize("seed", [1, 9, 17])

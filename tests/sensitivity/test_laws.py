@@ -23,9 +23,10 @@ from ngepc.geometries import block
 from ngepc.model.hardening import HardeningLaw
 from ngepc.sensitivity.calibration import Curve, calibrate
 from ngepc.sensitivity.functionals import as_functional
-from ngepc.sensitivity.gradient import gradient, states_of, tangent
+from ngepc.sensitivity.gradient import gradient, states_of
 from ngepc.sensitivity.law_data import PartDatum
 from ngepc.sensitivity.parameters import STENCIL, Direction
+from ngepc.sensitivity.tangent import tangent
 
 ELASTIC = {"lame_lambda": 1e3, "lame_mu": 1e3}
 

@@ -7,15 +7,9 @@ import pytest
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngepc.studies import calculix
-from ngepc.studies.accuracy import (
-    CASES,
-    Accuracy,
-    by_calculix,
-    by_ngepc,
-    deck_of,
-    shown_time,
-    time_to,
-)
+from ngepc.studies.accuracy import Accuracy, by_calculix, by_ngepc, shown_time, time_to
+from ngepc.studies.accuracy_cases import CASES
+from ngepc.studies.accuracy_decks import deck_of
 from ngepc.studies.calculix import CORNER_EDGES, FACES, QuadraticMesh
 
 needs_ccx = pytest.mark.skipif(not calculix.available(), reason="ccx is not installed")
