@@ -30,21 +30,26 @@ INSTALL = (
     "'apt install python3-petsc4py' with PETSC_DIR=$(echo /usr/lib/petscdir/petsc3*/*-real)"
 )
 
-MULTIGRID = (
-    "-pc_type mg -pc_mg_galerkin pmat -mg_levels_pc_type sor "
-    "-mg_levels_ksp_type chebyshev -mg_levels_ksp_max_it 2 "
+MULTIGRID = "-pc_type mg -pc_mg_galerkin pmat -mg_levels_pc_type sor "
+"""Levels of smoothed aggregation, smoothed by Gauss-Seidel."""
+
+ALONE = (
+    "-mg_levels_ksp_type richardson -mg_levels_ksp_max_it 2 -mg_levels_pc_sor_forward "
+    "-pc_mg_distinct_smoothup -mg_levels_up_pc_type sor -mg_levels_up_pc_sor_backward "
+    "-mg_levels_up_ksp_type richardson -mg_levels_up_ksp_max_it 2 "
+    "-mg_coarse_pc_type cholesky "
 )
-"""Levels of smoothed aggregation, symmetric Gauss-Seidel under Chebyshev's polynomial.
+"""Two sweeps forwards, and two backwards after the coarse correction, the adjoint of these."""
 
-No matrix times the inverse of symmetric Gauss-Seidel has an eigenvalue above 1.  Where processes
-sweep at the same time none is above the number of colours that tell neighbours apart, at most the
-number of processes: see ``shared_options``.
-"""
-
-ALONE = "-mg_levels_ksp_chebyshev_eigenvalues 0.1,1.02 -mg_coarse_pc_type cholesky "
 SHARED = (
+    "-mg_levels_ksp_type chebyshev -mg_levels_ksp_max_it 2 "
     "-mg_levels_ksp_chebyshev_eigenvalues {0:g},{1:g} -mg_coarse_pc_type redundant "
 )
+"""Symmetric sweeps under Chebyshev's polynomial, because those of several processes at the same time
+may amplify errors: eigenvalues of the matrix times the inverse of symmetric Gauss-Seidel are at
+most 1 on one process, and at most the number of colours that tell neighbours apart, which is not
+above the number of processes, on several.
+"""
 
 REACH = {1: 2.0, 2: 4.0}
 """Assumed largest eigenvalue of the smoother on several processes, by order.

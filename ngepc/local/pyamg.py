@@ -23,7 +23,9 @@ try:
 except ImportError:  # said when PyAMG() is made
     pyamg = None
 
-SMOOTHER = ("gauss_seidel", {"sweep": "symmetric", "iterations": 2})
+BEFORE = ("gauss_seidel", {"sweep": "forward", "iterations": 2})
+AFTER = ("gauss_seidel", {"sweep": "backward", "iterations": 2})
+"""Smoothers before and after the coarse correction, adjoint to each other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +73,7 @@ class PyAMG(Iterative):
                     pinned = (level.R @ pinned @ space).tocsr()
                 levels.append(level)
             solver = pyamg.multilevel.MultilevelSolver(levels, coarse_solver="splu")
-            pyamg.relaxation.smoothing.change_smoothers(solver, SMOOTHER, SMOOTHER)
+            pyamg.relaxation.smoothing.change_smoothers(solver, BEFORE, AFTER)
             return solver.aspreconditioner().matvec
 
         return prepared
