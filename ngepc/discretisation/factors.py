@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.sparse import diags
 from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import EXAMINED
 from ngepc.discretisation.stiffness import Stiffness
+from ngepc.linalg.cores import threads_of_ngsolve
 from ngepc.linalg.direct import FROM_LOWER_TRIANGLE, SOLVER_ERRORS, FactorisationError
 from ngepc.model.processes import require_whole
 
@@ -21,6 +23,10 @@ NGSolve inverts the N x N blocks on the diagonal as they are.  Where a nearly in
 flows they are so badly conditioned that nothing may be left: Poisson's ratio 0.4999, h/mu = 2e-6,
 residuals of 4 instead of 1e-5.  One by one takes three times as long and loses nothing.
 """
+
+
+LARGE = 20_000
+"""Free components from which on NGSolve's threads are used: starting them takes some 0.2 ms."""
 
 
 class Factors:
@@ -52,6 +58,7 @@ class Factors:
         nodal = problem.order == 1 and not problem.contact_pairs
         self.stiffened = self._stiffened if nodal else None
         self._held: Factors | None = None  # with springs of the contact rows
+        self._large = int(body.free.sum()) >= LARGE
 
     def linearise(self, here: Iterate) -> None:
         """Take the tangent at a state."""
@@ -75,16 +82,20 @@ class Factors:
         self._held.update(self.moduli)
         return self._held.solve
 
+    def _threads(self) -> AbstractContextManager:
+        """NGSolve's threads, for large bodies if cores are free."""
+        return threads_of_ngsolve() if self._large else nullcontext()
+
     def _factorise(self) -> None:
         try:
-            if not self._in_blocks:
-                self._inverse = self._stiffness.whole(self._matrix).Inverse(
-                    inverse=self._name
-                )
-            elif self._inverse is None:
-                self._inverse = self._matrix.Inverse(inverse=self._name)
-            else:
-                self._inverse.Update()
+            with self._threads():
+                if not self._in_blocks:
+                    whole = self._stiffness.whole(self._matrix)
+                    self._inverse = whole.Inverse(inverse=self._name)
+                elif self._inverse is None:
+                    self._inverse = self._matrix.Inverse(inverse=self._name)
+                else:
+                    self._inverse.Update()
         except SOLVER_ERRORS as error:
             raise FactorisationError(
                 f"{self._name} could not factorise the tangent: {error}"
@@ -97,7 +108,8 @@ class Factors:
         """
         self.back_substitutions += 1
         self._right.FV().NumPy()[:] = np.where(self._free, forces, 0.0).ravel()
-        self._left.data = self._inverse * self._right
+        with self._threads():
+            self._left.data = self._inverse * self._right
         if self.back_substitutions == 1 and self._in_blocks:
             rest = (self._right - self._matrix * self._left).Evaluate()
             if rest.Norm() > LOST * self._right.Norm():

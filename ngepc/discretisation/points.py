@@ -10,6 +10,7 @@ Arrays over the points follow the elements, rule point by rule point; nodal arra
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -33,6 +34,7 @@ from ngsolve import (
     z,
 )
 
+from ngepc.linalg.cores import mapped
 from ngepc.model.elements import elements_by_shape, plastic_order, plastic_points
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.problem import Problem
@@ -329,9 +331,13 @@ class Points:
     def strain(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """tr eps(u) and the coordinates of dev eps(u), shapes (points,) and (points, d)."""
         strain = np.empty((len(self), 1 + self.kinematics.d))
+
+        def enter(part: Elements) -> None:
+            """Store the strains of some elements."""
+            strain[part.points] = part.strain(u)
+
         for block in self.blocks:
-            for part in block.parts:
-                strain[part.points] = part.strain(u)
+            deque(mapped(enter, block.parts), maxlen=0)
         return strain[:, 0].copy(), strain[:, 1:].copy()
 
     def forces(self, pressure: np.ndarray, deviator: np.ndarray) -> np.ndarray:
@@ -358,13 +364,10 @@ class Points:
         N = self.kinematics.N
         result = np.zeros((count, N))
         for block in self.blocks:
-            values = np.concatenate([local(part) for part in block.parts]).reshape(
-                -1, N
-            )
+            values = np.concatenate(list(mapped(local, block.parts))).reshape(-1, N)
+            nodes = block.nodes.ravel()
             for c in range(N):
-                result[:, c] += np.bincount(
-                    block.nodes.ravel(), values[:, c], minlength=count
-                )
+                result[:, c] += np.bincount(nodes, values[:, c], minlength=count)
         return self.processes.summed(result)
 
     def cell_means(self, values: np.ndarray) -> np.ndarray:

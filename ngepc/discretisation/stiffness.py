@@ -18,6 +18,7 @@ from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix, tril
 
 from ngepc.discretisation.points import Elements, Moduli, Points
+from ngepc.linalg.cores import mapped
 from ngepc.linalg.direct import both_triangles, lower_triangle
 
 
@@ -53,7 +54,7 @@ class Stiffness(Blocks):
         self.free = free
         self.N = free.shape[1]
         self._space = H1(mesh, order=order, dim=self.N)
-        rows, columns, _ = lower_triangle(pattern_matrix(self._space))
+        rows, columns, _ = lower_triangle(pattern_matrix(H1(mesh, order=order)))
         self.rows = rows.astype(np.int32)
         self.columns = columns.astype(np.int32)
         self._added = np.zeros(0, dtype=int), 0.0
@@ -151,10 +152,17 @@ class ElementStiffness(Stiffness):
     def summed(self, data: Moduli) -> np.ndarray:
         """See ``Stiffness``."""
         values = np.zeros((len(self.rows), self.N**2))
+
+        def blocks_of(given: tuple[Elements, tuple]) -> tuple[np.ndarray, np.ndarray]:
+            """Places of the blocks that some elements touch, and what these add."""
+            part, (touched, gather) = given
+            K = part.stiffness(data).reshape(self.N**2, -1)
+            return touched, np.column_stack([gather @ one for one in K])
+
         for block, gathers in zip(self._points.blocks, self._gathers, strict=True):
-            for part, (touched, gather) in zip(block.parts, gathers, strict=True):
-                K = part.stiffness(data).reshape(self.N**2, -1)
-                values[touched] += np.column_stack([gather @ one for one in K])
+            parts = zip(block.parts, gathers, strict=True)
+            for touched, added in mapped(blocks_of, parts):
+                values[touched] += added
         return values.reshape(-1, self.N, self.N)
 
 

@@ -28,6 +28,7 @@ from ngepc.evolution.memory import Memory, check_kind
 from ngepc.evolution.remarks import remarks
 from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
 from ngepc.linalg.blas import one_blas_thread
+from ngepc.linalg.cores import on_several_cores
 from ngepc.local.solver import RepeatedSolver
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
@@ -77,6 +78,7 @@ def cold_start(solver: Callable, **settings: object) -> StepSolver:
 
 
 @one_blas_thread
+@on_several_cores
 def evolve(
     problem: Problem,
     steps: Schedule | object,

@@ -7,6 +7,7 @@ iterations work with an elasticity matrix alone.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
@@ -20,6 +21,8 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import FEW
 from ngepc.discretisation.stiffness import Blocks, Stiffness
+from ngepc.linalg.cores import mapped
+from ngepc.linalg.cycle import Product
 from ngepc.linalg.descent import Linear, conjugate_gradients, minimal_residuals
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.closed import Closed
@@ -29,7 +32,7 @@ from ngepc.model.support import rigid_motions
 ACCURACY = 1e-8
 """Relative residual of ``solve``, for callers that need accurate solutions."""
 
-CHUNK = 1_000_000
+CHUNK = 250_000
 """Entries of a matrix that are filled at once: numpy makes arrays of indices of twice the size."""
 
 Preconditioner = Callable[[csr_matrix, csr_matrix], Linear]
@@ -95,9 +98,13 @@ class FullPattern:
             parts = values, source.indices, source.indptr
             before = csr_matrix(parts, shape=source.shape)
         flat = lower.ravel()
-        for first in range(0, len(source.data), CHUNK):
+
+        def fill(first: int) -> None:
+            """Enter a portion of the values."""
             part = slice(first, first + CHUNK)
             before.data[part] = flat[source.data[part]]
+
+        deque(mapped(fill, range(0, len(source.data), CHUNK)), maxlen=0)
         return before
 
 
@@ -129,13 +136,16 @@ class IterativeTangent:
     def linearise(self, here: Iterate) -> None:
         """Assemble the tangent at a state; the first solve makes a hierarchy."""
         self._lower = self._stiffness.values(here.moduli)
-        self.matrix = self._pattern.matrix(self._lower, self.matrix)
+        before = self.matrix
+        self.matrix = self._pattern.matrix(self._lower, before)
+        if before is None:
+            self._product = Product(self.matrix)
         self.back_substitutions = self.linear_iterations = 0
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The tangent times nodal displacements, flat."""
         return self._processes.summed(
-            (self.matrix @ x).reshape(self._body.free.shape)
+            (self._product @ x).reshape(self._body.free.shape)
         ).ravel()
 
     def prepare(self, closed: Closed) -> None:

@@ -45,10 +45,10 @@ SHARED = (
     "-mg_levels_ksp_type chebyshev -mg_levels_ksp_max_it 2 "
     "-mg_levels_ksp_chebyshev_eigenvalues {0:g},{1:g} -mg_coarse_pc_type redundant "
 )
-"""Symmetric sweeps under Chebyshev's polynomial, because those of several processes at the same time
-may amplify errors: eigenvalues of the matrix times the inverse of symmetric Gauss-Seidel are at
-most 1 on one process, and at most the number of colours that tell neighbours apart, which is not
-above the number of processes, on several.
+"""Symmetric sweeps under Chebyshev's polynomial: those at the same time may amplify errors.
+
+Eigenvalues of the matrix times the inverse of symmetric Gauss-Seidel are at most 1 on one process,
+on several at most the number of colours that tell neighbours apart, and that of processes.
 """
 
 REACH = {1: 2.0, 2: 4.0}

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, eye
 
 from ngepc.discretisation.body import DiscreteBody
 from ngepc.linalg.aggregation import COARSEST
+from ngepc.linalg.cycle import LARGE, Level, separated, v_cycle
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import (
     FullPattern,
@@ -16,16 +18,13 @@ from ngepc.local.iterative import (
     Preconditioner,
     low_energy_modes,
 )
+from ngepc.model.elements import vertex_coordinates
 from ngepc.model.processes import require_whole
 
 try:
     import pyamg
 except ImportError:  # said when PyAMG() is made
     pyamg = None
-
-BEFORE = ("gauss_seidel", {"sweep": "forward", "iterations": 2})
-AFTER = ("gauss_seidel", {"sweep": "backward", "iterations": 2})
-"""Smoothers before and after the coarse correction, adjoint to each other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,26 +56,37 @@ class PyAMG(Iterative):
         require_whole("inverse=PyAMG()", body.problem.mesh)
         modes = low_energy_modes(body)
         N = body.problem.N
+        sets = split_unknowns(pattern.blocks, body) if len(modes) >= LARGE else None
+        sweep = pyamg.amg_core.gauss_seidel_indexed
         spaces = []
 
         def prepared(matrix: csr_matrix, pinned: csr_matrix) -> Linear:
             """The preconditioner for a pinned tangent; coarse spaces are made once."""
             if not spaces:
-                spaces.extend([*coarse_spaces(matrix, modes, N), None])
+                spaces.extend(coarse_spaces(matrix, modes, N))
             levels = []
             for space in spaces:
-                level = pyamg.multilevel.MultilevelSolver.Level()
-                level.A = pinned
-                if space is not None:
-                    level.P = space
-                    level.R = space.T.tocsr()
-                    pinned = (level.R @ pinned @ space).tocsr()
+                level = Level(pinned, space, sweep, None if levels else sets)
                 levels.append(level)
-            solver = pyamg.multilevel.MultilevelSolver(levels, coarse_solver="splu")
-            pyamg.relaxation.smoothing.change_smoothers(solver, BEFORE, AFTER)
-            return solver.aspreconditioner().matvec
+                pinned = (level.restriction @ pinned @ space).tocsr()
+            coarsest = partial(pyamg.coarse_grid_solver("splu"), pinned)
+            return partial(v_cycle, levels, coarsest)
 
         return prepared
+
+
+def split_unknowns(blocks: csr_matrix, body: DiscreteBody) -> list[np.ndarray]:
+    """Unknowns on two sides of a plane through the body, and those between; see ``Level``.
+
+    A node that is no vertex is where the mean of the vertices is that it is coupled with.
+    """
+    x = vertex_coordinates(body.problem.mesh)
+    x = x[:, np.ptp(x, axis=0).argmax()]
+    near = blocks[:, : len(x)]
+    place = (near @ x) / (near @ np.ones(len(x)))
+    nodes = separated(blocks, place > np.median(place))
+    N = body.problem.N
+    return [(N * some[:, None] + np.arange(N)).ravel() for some in nodes]
 
 
 def coarse_spaces(matrix: csr_matrix, modes: np.ndarray, N: int) -> list[csr_matrix]:

@@ -1,0 +1,151 @@
+"""V-cycles of multigrid: Gauss-Seidel forwards before the coarse correction, backwards after it.
+
+The unknowns of the finest level are split into two sets that are not coupled and a thin one
+between them.  Sweeps go through the two at the same time, by threads if there are any, then through
+what is between: an order of Gauss-Seidel's method like any other, whatever the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from ngepc.linalg.cores import mapped
+
+SWEEPS = 2
+"""Sweeps before and after the coarse correction."""
+
+LARGE = 10_000
+"""Unknowns from which on sweeps and products are split."""
+
+Sweep = Callable[..., None]
+"""The compiled loop of Gauss-Seidel's method over chosen unknowns.
+
+The arrays of a CSR matrix, x, the right-hand side, the chosen unknowns, and first, last and step
+among them.
+"""
+
+
+def separated(graph: csr_matrix, side: np.ndarray) -> list[np.ndarray]:
+    """Nodes of two sides that are not coupled, and between them those of one side that are.
+
+    ``graph`` is positive where nodes are coupled, ``side`` is boolean: where each of them is.
+    """
+    coupled = graph @ (~side).astype(np.int32) > 0
+    between = side & coupled
+    return [np.flatnonzero(part) for part in (~side, side & ~between, between)]
+
+
+class Product:
+    """A CSR matrix times vectors, two halves of its rows by two threads; its values may change."""
+
+    def __init__(self, matrix: csr_matrix) -> None:
+        rows = matrix.shape[0]
+        starts = matrix.indptr
+        middle = int(np.searchsorted(starts, starts[-1] // 2))
+        self._halves = [matrix]
+        if rows >= LARGE:
+            ends = (0, middle), (middle, rows)
+            self._halves = [rows_of(matrix, *pair) for pair in ends]
+
+    def __matmul__(self, x: np.ndarray) -> np.ndarray:
+        return np.concatenate(list(mapped(lambda half: half @ x, self._halves)))
+
+
+def rows_of(matrix: csr_matrix, first: int, last: int) -> csr_matrix:
+    """Some rows of a CSR matrix, with the same arrays of values and columns."""
+    start = matrix.indptr[first]
+    entries = slice(start, matrix.indptr[last])
+    starts = matrix.indptr[first : last + 1] - start
+    values = matrix.data[entries]
+    columns = matrix.indices[entries]
+    shape = (last - first, matrix.shape[1])
+    part = csr_matrix((values, columns, starts), shape=shape)
+    part.data = values  # SciPy copies views of larger arrays
+    part.indices = columns
+    return part
+
+
+class Sweeps:
+    """Sweeps of Gauss-Seidel's method in ascending order, in place.
+
+    ``sets`` are unknowns that are not coupled, and at last those between them.
+    """
+
+    def __init__(
+        self, matrix: csr_matrix, sweep: Sweep, sets: Sequence[np.ndarray]
+    ) -> None:
+        self._sweep = sweep
+        self._arrays = matrix.indptr, matrix.indices, matrix.data
+        self._sets = [some.astype(matrix.indices.dtype) for some in sets]
+
+    def __call__(self, x: np.ndarray, right: np.ndarray, *, last: bool = True) -> None:
+        """Sweep some times; what is between comes last, or first."""
+
+        def through(those: np.ndarray) -> None:
+            """Sweep through some unknowns."""
+            self._sweep(*self._arrays, x, right, those, 0, len(those), 1)
+
+        *apart, between = self._sets
+        for _ in range(SWEEPS):
+            if not last:
+                through(between)
+            deque(mapped(through, apart), maxlen=0)
+            if last:
+                through(between)
+
+
+class Level:
+    """A level: its matrix, the interpolation to it from the next one, and the order of sweeps.
+
+    ``sets`` as for ``Sweeps``, None for all unknowns.  Backwards is forwards with all unknowns
+    numbered from the end: loops through memory in descending order take four times as long.
+    """
+
+    def __init__(
+        self,
+        matrix: csr_matrix,
+        space: csr_matrix,
+        sweep: Sweep,
+        sets: Sequence[np.ndarray] | None = None,
+    ) -> None:
+        count = matrix.shape[0]
+        sets = [np.arange(count)] if sets is None else sets
+        self.matrix = Product(matrix)
+        self.space = space
+        self.restriction = space.T.tocsr()
+        self.forwards = Sweeps(matrix, sweep, sets)
+        turned = [count - 1 - some[::-1] for some in sets]
+        self._backwards = Sweeps(from_the_end(matrix), sweep, turned)
+
+    def backwards(self, x: np.ndarray, right: np.ndarray) -> None:
+        """The adjoint of ``forwards``, in place."""
+        y = x[::-1].copy()
+        self._backwards(y, right[::-1].copy(), last=False)
+        x[:] = y[::-1]
+
+
+def from_the_end(matrix: csr_matrix) -> csr_matrix:
+    """A square matrix with rows and columns numbered from the end."""
+    count = matrix.shape[0]
+    columns = count - 1 - matrix.indices[::-1]
+    starts = matrix.indptr[-1] - matrix.indptr[::-1]
+    return csr_matrix((matrix.data[::-1].copy(), columns, starts), shape=matrix.shape)
+
+
+def v_cycle(
+    levels: Sequence[Level], coarsest: Callable[[np.ndarray], np.ndarray], r: np.ndarray
+) -> np.ndarray:
+    """The cycle from zero for a right-hand side: a symmetric positive definite map of it."""
+    if not levels:
+        return coarsest(r)
+    level, *coarser = levels
+    x = np.zeros_like(r)
+    level.forwards(x, r)
+    left = level.restriction @ (r - level.matrix @ x)
+    x += level.space @ v_cycle(coarser, coarsest, left)
+    level.backwards(x, r)
+    return x

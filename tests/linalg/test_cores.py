@@ -1,0 +1,129 @@
+"""Threads of a solve: same digits, none left, none in workers."""
+
+import multiprocessing
+import os
+import threading
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import pytest
+from ngsolve import SetNumThreads, TaskManager
+from pyngcore import GetNumThreads
+
+import ngepc
+from ngepc import NewtonOptions, PyAMG, lshape_problem
+from ngepc.discretisation import factors
+from ngepc.geometries import block, lshape
+from ngepc.linalg import cores, cycle
+from ngepc.local import pyamg
+from ngepc.studies.large import pressed
+
+
+@pytest.fixture
+def two_threads():
+    SetNumThreads(2)
+    yield
+    SetNumThreads(1)
+
+
+def plane(nodes=3201):
+    return lshape_problem(lshape.paper_mesh(nodes)), NewtonOptions()
+
+
+def solid():
+    pytest.importorskip("pyamg")
+    mesh = block.structured_mesh(4, 4, 4, simplices=True)
+    return pressed(mesh, 100.0, order=2), NewtonOptions(inverse=PyAMG())
+
+
+@pytest.mark.parametrize("make", [plane, solid])
+def test_two_threads_give_the_digits_of_one(make, monkeypatch):
+    monkeypatch.setattr(cycle, "LARGE", 100)
+    monkeypatch.setattr(pyamg, "LARGE", 100)
+    problem, options = make()
+    found = []
+    for count in (1, 2):
+        with cores.crew(count):
+            result = ngepc.semismooth_newton(problem, options=options)
+        found.append((result.primal_energy, result.history.column("residual_norm")))
+    assert found[0] == found[1]
+
+
+def test_threads_of_ngsolve_change_rounding_only(two_threads, monkeypatch):
+    monkeypatch.setattr(cores, "FREE", 0.0)
+    monkeypatch.setattr(factors, "LARGE", 100)
+    problem, options = plane(417)
+    energies = []
+    for count in (1, 2):
+        with cores.crew(count):
+            result = ngepc.semismooth_newton(problem, options=options)
+        energies.append(result.primal_energy)
+    assert energies[1] == pytest.approx(energies[0], rel=1e-12)
+
+
+def test_values_come_in_order_and_no_thread_is_left():
+    parts = list(range(200))
+    before = threading.active_count()
+    with cores.crew(3) as crew:
+        assert list(cores.mapped(lambda k: k * k, parts)) == [k * k for k in parts]
+        assert threading.active_count() > before
+        assert crew.helps
+    assert threading.active_count() == before
+
+
+def test_an_error_in_a_thread_is_raised_and_no_thread_is_left():
+    before = threading.active_count()
+    with pytest.raises(ZeroDivisionError), cores.crew(2):
+        list(cores.mapped(lambda k: 1 // (k - 30), list(range(60))))
+    assert threading.active_count() == before
+
+
+def test_an_inner_function_has_the_threads_of_the_outer_one():
+    with cores.crew(2) as outer, cores.crew(5) as inner:
+        assert inner is outer
+
+
+def test_cores_are_free_if_threads_compute_all_the_time(monkeypatch):
+    monkeypatch.setattr(time, "thread_time", time.perf_counter)
+    with cores.crew(2) as crew:
+        assert not crew.has_free_cores
+        list(cores.mapped(lambda _: time.sleep(0.002), list(range(40))))
+        assert crew.has_free_cores
+        assert type(cores.threads_of_ngsolve()) is TaskManager
+
+
+def test_cores_are_not_free_if_threads_wait():
+    with cores.crew(2) as crew:
+        list(cores.mapped(lambda _: time.sleep(0.001), list(range(20))))
+        assert not crew.has_free_cores
+
+
+def test_the_number_is_that_of_ngsolve(two_threads):
+    assert cores.available() == min(2, cores.cores())
+    SetNumThreads(1)
+    assert cores.available() == 1
+    assert GetNumThreads() == 1
+
+
+def test_workers_have_one_thread(two_threads):
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=context) as pool:
+        assert pool.submit(cores.available).result() == 1
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(cores.available).result() == 1
+
+
+def test_processes_of_mpi_have_one_thread(two_threads, monkeypatch):
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    assert cores.available() == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_fork_inside_computes_alone():
+    with cores.crew(2):
+        list(cores.mapped(abs, list(range(20))))
+        child = os.fork()
+        if child == 0:
+            right = list(cores.mapped(abs, [-1, -2])) == [1, 2]
+            os._exit(0 if right else 1)
+        assert os.waitpid(child, 0)[1] == 0

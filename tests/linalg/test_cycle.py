@@ -1,0 +1,91 @@
+"""V-cycles: symmetric and positive, sweeps against matrices, products by halves."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_matrix, diags, eye, kron, tril
+from scipy.sparse.linalg import splu, spsolve_triangular
+
+from ngepc.linalg import cycle
+from ngepc.linalg.cores import crew
+from ngepc.linalg.cycle import Level, Product, from_the_end, separated, v_cycle
+
+amg_core = pytest.importorskip("pyamg").amg_core
+SWEEP = amg_core.gauss_seidel_indexed
+
+
+def laplacian(n):
+    line = diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
+    return (kron(line, eye(n)) + kron(eye(n), line)).tocsr()
+
+
+@pytest.fixture
+def matrix():
+    random = np.random.default_rng(3)
+    scale = diags(random.uniform(0.5, 2.0, 144))
+    return (scale @ laplacian(12) @ scale).tocsr()
+
+
+@pytest.fixture
+def space():
+    coarse = np.arange(144) // 3
+    return csr_matrix((np.ones(144), (np.arange(144), coarse)), shape=(144, 48))
+
+
+def sets_of(matrix):
+    return separated((matrix != 0).astype(int), np.arange(144) >= 72)
+
+
+def test_the_two_sides_are_not_coupled(matrix):
+    one, two, between = sets_of(matrix)
+    assert matrix[one][:, two].nnz == 0
+    assert sorted(np.concatenate([one, two, between])) == list(range(144))
+    assert len(between) == 12
+
+
+def test_forwards_is_gauss_seidel_in_the_order_of_the_sets(matrix, space):
+    random = np.random.default_rng(0)
+    x = random.standard_normal(144)
+    right = random.standard_normal(144)
+    sets = sets_of(matrix)
+    order = np.concatenate(sets)
+    permuted = matrix[order][:, order]
+    expected = x[order]
+    for _ in range(cycle.SWEEPS):
+        rest = right[order] - permuted @ expected
+        expected = expected + spsolve_triangular(tril(permuted).tocsr(), rest)
+    Level(matrix, space, SWEEP, sets).forwards(x, right)
+    assert x[order] == pytest.approx(expected, abs=1e-13)
+
+
+@pytest.mark.parametrize("split", [False, True])
+def test_the_cycle_is_symmetric_and_positive(matrix, space, split):
+    level = Level(matrix, space, SWEEP, sets_of(matrix) if split else None)
+    coarse = splu((space.T @ matrix @ space).tocsc()).solve
+    cycles = np.array([v_cycle([level], coarse, e) for e in np.eye(144)])
+    assert cycles == pytest.approx(cycles.T, abs=1e-13)
+    error = np.linalg.eigvals(cycles @ matrix.toarray())
+    assert error.real.min() > 0
+    assert error.real.max() < 1 + 1e-12
+
+
+def test_threads_do_not_change_a_digit(matrix, space):
+    level = Level(matrix, space, SWEEP, sets_of(matrix))
+    coarse = splu((space.T @ matrix @ space).tocsc()).solve
+    r = np.random.default_rng(1).standard_normal(144)
+    alone = v_cycle([level], coarse, r)
+    with crew(2):
+        assert np.array_equal(v_cycle([level], coarse, r), alone)
+
+
+def test_numbers_from_the_end(matrix):
+    turned = from_the_end(matrix).toarray()
+    assert np.array_equal(turned, matrix.toarray()[::-1, ::-1])
+
+
+def test_products_by_halves_follow_values_that_change(matrix, monkeypatch):
+    monkeypatch.setattr(cycle, "LARGE", 100)
+    x = np.random.default_rng(2).standard_normal(144)
+    product = Product(matrix)
+    assert np.array_equal(product @ x, matrix @ x)
+    matrix.data *= 2.0
+    assert np.array_equal(product @ x, matrix @ x)
