@@ -3,8 +3,9 @@
 import multiprocessing
 import os
 import threading
-import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from itertools import count
+from types import SimpleNamespace
 
 import pytest
 from ngsolve import SetNumThreads, TaskManager
@@ -42,8 +43,8 @@ def test_two_threads_give_the_digits_of_one(make, monkeypatch):
     monkeypatch.setattr(pyamg, "LARGE", 100)
     problem, options = make()
     found = []
-    for count in (1, 2):
-        with cores.crew(count):
+    for number in (1, 2):
+        with cores.crew(number):
             result = ngepc.semismooth_newton(problem, options=options)
         found.append((result.primal_energy, result.history.column("residual_norm")))
     assert found[0] == found[1]
@@ -54,8 +55,8 @@ def test_threads_of_ngsolve_change_rounding_only(two_threads, monkeypatch):
     monkeypatch.setattr(factors, "LARGE", 100)
     problem, options = plane(417)
     energies = []
-    for count in (1, 2):
-        with cores.crew(count):
+    for number in (1, 2):
+        with cores.crew(number):
             result = ngepc.semismooth_newton(problem, options=options)
         energies.append(result.primal_energy)
     assert energies[1] == pytest.approx(energies[0], rel=1e-12)
@@ -83,19 +84,18 @@ def test_an_inner_function_has_the_threads_of_the_outer_one():
         assert inner is outer
 
 
-def test_cores_are_free_if_threads_compute_all_the_time(monkeypatch):
-    monkeypatch.setattr(time, "thread_time", time.perf_counter)
+@pytest.mark.parametrize(("each", "free"), [(0.1, True), (0.0, False)])
+def test_cores_are_free_if_threads_compute_all_the_time(each, free, monkeypatch):
+    """20 portions of a loop that takes a second, each with so much processor time."""
+    wall = count(0.0, 1.0)
+    busy = count(0.0, each)
+    clocks = SimpleNamespace(perf_counter=wall.__next__, thread_time=busy.__next__)
+    monkeypatch.setattr(cores, "time", clocks)
     with cores.crew(2) as crew:
         assert not crew.has_free_cores
-        list(cores.mapped(lambda _: time.sleep(0.002), list(range(40))))
-        assert crew.has_free_cores
-        assert type(cores.threads_of_ngsolve()) is TaskManager
-
-
-def test_cores_are_not_free_if_threads_wait():
-    with cores.crew(2) as crew:
-        list(cores.mapped(lambda _: time.sleep(0.001), list(range(20))))
-        assert not crew.has_free_cores
+        list(cores.mapped(abs, list(range(40))))
+        assert crew.has_free_cores is free
+        assert isinstance(cores.threads_of_ngsolve(), TaskManager) is free
 
 
 def test_the_number_is_that_of_ngsolve(two_threads):
