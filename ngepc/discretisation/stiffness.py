@@ -18,7 +18,7 @@ from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix, tril
 
 from ngepc.discretisation.points import Elements, Moduli, Points
-from ngepc.linalg.cores import mapped
+from ngepc.linalg.cores import in_portions
 from ngepc.linalg.direct import both_triangles, lower_triangle
 
 
@@ -160,8 +160,8 @@ class ElementStiffness(Stiffness):
             return touched, np.column_stack([gather @ one for one in K])
 
         for block, gathers in zip(self._points.blocks, self._gathers, strict=True):
-            parts = zip(block.parts, gathers, strict=True)
-            for touched, added in mapped(blocks_of, parts):
+            parts = list(zip(block.parts, gathers, strict=True))
+            for touched, added in in_portions(blocks_of, parts):
                 values[touched] += added
         return values.reshape(-1, self.N, self.N)
 

@@ -28,7 +28,7 @@ from ngepc.evolution.memory import Memory, check_kind
 from ngepc.evolution.remarks import remarks
 from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
 from ngepc.linalg.blas import one_blas_thread
-from ngepc.linalg.cores import on_several_cores
+from ngepc.linalg.cores import crew
 from ngepc.local.solver import RepeatedSolver
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
@@ -78,7 +78,7 @@ def cold_start(solver: Callable, **settings: object) -> StepSolver:
 
 
 @one_blas_thread
-@on_several_cores
+@crew()
 def evolve(
     problem: Problem,
     steps: Schedule | object,

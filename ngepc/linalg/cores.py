@@ -2,7 +2,7 @@
 
 NumPy, SciPy, PyAMG and NGSolve release Python's lock while they compute, so that threads of Python
 do the parts of an assembly or a sweep at the same time.  They exist as long as the outermost
-function that ``on_several_cores`` decorates: none is left when it returns.  What is computed does
+function that is decorated with ``crew()``: none is left when it returns.  What is computed does
 not depend on their number: parts are the same, and are added up in the same order.
 
 NGSolve's own threads wait busily for each other.  Beside other work that takes several times as
@@ -17,13 +17,13 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
-from functools import cached_property, wraps
+from functools import cached_property
 from multiprocessing import parent_process
-from typing import Any, TypeVar, cast
+from typing import TypeVar
 
 from ngsolve import TaskManager
 from pyngcore import GetNumThreads
@@ -43,12 +43,11 @@ SHORT = 1e-3
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK")
 """Environment of processes that MPI has started."""
 
-Function = TypeVar("Function", bound=Callable)
 Part = TypeVar("Part")
 Value = TypeVar("Value")
 
 
-def available() -> int:
+def usable_threads() -> int:
     """The number of threads for a solve, at most ``MOST``.
 
     It is that of NGSolve (``NGS_NUM_THREADS``, ``SetNumThreads``), but not above that of the cores,
@@ -73,7 +72,7 @@ def cores() -> int:
 
 
 class Crew:
-    """The threads of a solve; ``size`` is their number, by default what is ``available``."""
+    """The threads of a solve; ``size`` is their number, by default what is ``usable_threads``."""
 
     def __init__(self, size: int | None = None) -> None:
         self._given = size
@@ -83,7 +82,7 @@ class Crew:
     @cached_property
     def size(self) -> int:
         """The number of threads, 1 in a process that was forked meanwhile."""
-        return available() if self._given is None else self._given
+        return usable_threads() if self._given is None else self._given
 
     @cached_property
     def _pool(self) -> ThreadPoolExecutor:
@@ -99,8 +98,8 @@ class Crew:
         """Whether the threads had their cores for themselves in the last loop."""
         return self._share >= FREE and self.helps
 
-    def mapped(
-        self, function: Callable[[Part], Value], parts: list[Part]
+    def in_portions(
+        self, function: Callable[[Part], Value], parts: Sequence[Part]
     ) -> Iterator[Value]:
         """The function of each part, in order; a few portions are computed ahead."""
         size = max(1, len(parts) // (SHARES * self.size))
@@ -137,7 +136,10 @@ _CREW: ContextVar[Crew | None] = ContextVar("crew", default=None)
 
 @contextmanager
 def crew(size: int | None = None) -> Iterator[Crew]:
-    """Threads for what is computed inside, ended afterwards; those of an outer crew if any."""
+    """Threads for what is computed inside, ended afterwards; those of an outer crew if any.
+
+    Also a decorator, ``@crew()``.
+    """
     outer = _CREW.get()
     if outer is not None:
         yield outer
@@ -151,24 +153,14 @@ def crew(size: int | None = None) -> Iterator[Crew]:
         own.close()
 
 
-def on_several_cores(function: Function) -> Function:
-    """Decorate a function: loops in it are done by threads, which end with it."""
-
-    @wraps(function)
-    def decorated(*given: Any, **named: Any) -> Any:
-        with crew():
-            return function(*given, **named)
-
-    return cast(Function, decorated)
-
-
-def mapped(function: Callable[[Part], Value], parts: Iterable[Part]) -> Iterator[Value]:
+def in_portions(
+    function: Callable[[Part], Value], parts: Sequence[Part]
+) -> Iterator[Value]:
     """The function of each part, in order, by the threads of the crew if there is one."""
-    parts = list(parts)
     threads = _CREW.get()
     if threads is None or len(parts) < 2 or not threads.helps:
         return map(function, parts)
-    return threads.mapped(function, parts)
+    return threads.in_portions(function, parts)
 
 
 def threads_of_ngsolve() -> AbstractContextManager:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from ngepc.linalg.cores import mapped
+from ngepc.linalg.cores import in_portions
 
 SWEEPS = 2
 """Sweeps before and after the coarse correction."""
@@ -52,7 +52,7 @@ class Product:
             self._halves = [rows_of(matrix, *pair) for pair in ends]
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
-        return np.concatenate(list(mapped(lambda half: half @ x, self._halves)))
+        return np.concatenate(list(in_portions(lambda half: half @ x, self._halves)))
 
 
 def rows_of(matrix: csr_matrix, first: int, last: int) -> csr_matrix:
@@ -93,7 +93,7 @@ class Sweeps:
         for _ in range(SWEEPS):
             if not last:
                 through(between)
-            deque(mapped(through, apart), maxlen=0)
+            deque(in_portions(through, apart), maxlen=0)
             if last:
                 through(between)
 

@@ -21,7 +21,7 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import FEW
 from ngepc.discretisation.stiffness import Blocks, Stiffness
-from ngepc.linalg.cores import mapped
+from ngepc.linalg.cores import in_portions
 from ngepc.linalg.cycle import Product
 from ngepc.linalg.descent import Linear, conjugate_gradients, minimal_residuals
 from ngepc.linalg.direct import FactorisationError
@@ -104,7 +104,7 @@ class FullPattern:
             part = slice(first, first + CHUNK)
             before.data[part] = flat[source.data[part]]
 
-        deque(mapped(fill, range(0, len(source.data), CHUNK)), maxlen=0)
+        deque(in_portions(fill, range(0, len(source.data), CHUNK)), maxlen=0)
         return before
 
 

@@ -15,7 +15,7 @@ from ngepc.discretisation.factors import Factors, tangent_of
 from ngepc.discretisation.prolongation import at_vertices
 from ngepc.discretisation.stiffness import Stiffness, by_moduli
 from ngepc.linalg.blas import one_blas_thread
-from ngepc.linalg.cores import on_several_cores
+from ngepc.linalg.cores import crew
 from ngepc.linalg.direct import require_solver
 from ngepc.linalg.secants import Compliance
 from ngepc.local.active_set import InexactTarget
@@ -109,7 +109,7 @@ class RepeatedSolver:
         self._tangent: Factors | IterativeTangent | None = None
 
     @one_blas_thread
-    @on_several_cores
+    @crew()
     def __call__(
         self,
         problem: Problem,

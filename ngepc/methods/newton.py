@@ -9,7 +9,7 @@ from ngepc.dual.result import DualResult
 from ngepc.dual.solver import solve_regularised
 from ngepc.dual.spaces import Coupled
 from ngepc.linalg.blas import one_blas_thread
-from ngepc.linalg.cores import on_several_cores
+from ngepc.linalg.cores import crew
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
 from ngepc.model.own import own_copy
@@ -43,7 +43,7 @@ def semismooth_newton(
 
 
 @one_blas_thread
-@on_several_cores
+@crew()
 def semismooth_newton(
     problem: Problem,
     gamma: float | None = None,

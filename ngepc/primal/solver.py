@@ -24,7 +24,7 @@ from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.factors import tangent_of
 from ngepc.discretisation.points import interpolated
 from ngepc.linalg.blas import one_blas_thread
-from ngepc.linalg.cores import on_several_cores
+from ngepc.linalg.cores import crew
 from ngepc.linalg.direct import require_solver
 from ngepc.model.own import own_copy, require_same_mesh
 from ngepc.model.problem import Problem, as_scalar
@@ -118,7 +118,7 @@ class PrimalResult(DiscreteSolution):
 
 
 @one_blas_thread
-@on_several_cores
+@crew()
 def primal_newton(
     problem: Problem,
     start: GridFunction | object | None = None,

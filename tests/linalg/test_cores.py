@@ -66,7 +66,7 @@ def test_values_come_in_order_and_no_thread_is_left():
     parts = list(range(200))
     before = threading.active_count()
     with cores.crew(3) as crew:
-        assert list(cores.mapped(lambda k: k * k, parts)) == [k * k for k in parts]
+        assert list(cores.in_portions(lambda k: k * k, parts)) == [k * k for k in parts]
         assert threading.active_count() > before
         assert crew.helps
     assert threading.active_count() == before
@@ -75,7 +75,7 @@ def test_values_come_in_order_and_no_thread_is_left():
 def test_an_error_in_a_thread_is_raised_and_no_thread_is_left():
     before = threading.active_count()
     with pytest.raises(ZeroDivisionError), cores.crew(2):
-        list(cores.mapped(lambda k: 1 // (k - 30), list(range(60))))
+        list(cores.in_portions(lambda k: 1 // (k - 30), list(range(60))))
     assert threading.active_count() == before
 
 
@@ -93,37 +93,37 @@ def test_cores_are_free_if_threads_compute_all_the_time(each, free, monkeypatch)
     monkeypatch.setattr(cores, "time", clocks)
     with cores.crew(2) as crew:
         assert not crew.has_free_cores
-        list(cores.mapped(abs, list(range(40))))
+        list(cores.in_portions(abs, list(range(40))))
         assert crew.has_free_cores is free
         assert isinstance(cores.threads_of_ngsolve(), TaskManager) is free
 
 
 def test_the_number_is_that_of_ngsolve(two_threads):
-    assert cores.available() == min(2, cores.cores())
+    assert cores.usable_threads() == min(2, cores.cores())
     SetNumThreads(1)
-    assert cores.available() == 1
+    assert cores.usable_threads() == 1
     assert GetNumThreads() == 1
 
 
 def test_workers_have_one_thread(two_threads):
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as pool:
-        assert pool.submit(cores.available).result() == 1
+        assert pool.submit(cores.usable_threads).result() == 1
     with ThreadPoolExecutor(1) as pool:
-        assert pool.submit(cores.available).result() == 1
+        assert pool.submit(cores.usable_threads).result() == 1
 
 
 def test_processes_of_mpi_have_one_thread(two_threads, monkeypatch):
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
-    assert cores.available() == 1
+    assert cores.usable_threads() == 1
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_fork_inside_computes_alone():
     with cores.crew(2):
-        list(cores.mapped(abs, list(range(20))))
+        list(cores.in_portions(abs, list(range(20))))
         child = os.fork()
         if child == 0:
-            right = list(cores.mapped(abs, [-1, -2])) == [1, 2]
+            right = list(cores.in_portions(abs, [-1, -2])) == [1, 2]
             os._exit(0 if right else 1)
         assert os.waitpid(child, 0)[1] == 0
