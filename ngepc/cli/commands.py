@@ -145,8 +145,16 @@ OPTIONS = {
 
 BODY = ("problem", "--nodes N", "--maxh H", "--json FILE")
 NEWTON = ("--tolerance X", "--max-iterations N")
-PATH = ("--gamma-start G", "--growth X", "--gamma-end G", "--inner-tolerance X", "--inner-scale C",
-        "--outer-tolerance X", "--residual-tolerance X", "--max-outer-iterations N")  # fmt: skip
+PATH = (
+    "--gamma-start G",
+    "--growth X",
+    "--gamma-end G",
+    "--inner-tolerance X",
+    "--inner-scale C",
+    "--outer-tolerance X",
+    "--residual-tolerance X",
+    "--max-outer-iterations N",
+)
 """Fields of NewtonOptions and PathOptions."""
 
 
@@ -184,54 +192,110 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "solve": Command("solve one problem on one mesh",
-                     (*BODY, "--method", "--gamma G", "--start START", "--error TOL",
-                      "--goal NAME", "--percent P", *NEWTON,
-                      "--save FILE", "--figures DIR")),
-    "path": Command("follow the path in gamma on one mesh", (*BODY, "--checkpoint FILE", *PATH)),
-        "study": Command("make a table or figure of the paper, or another measurement", ()),
-    "report": Command("write an HTML report about a saved run", ("run_file", "--out FILE")),
-    "check": Command("check the proof of an energy interval in a receipt",
-                     ("receipt",), "check_file"),
-    "limit": Command("guaranteed lower and upper bounds of a limit load",
-                     ("body", "--width X", "--max-cells N", "--json FILE", "--figures DIR")),
-    "lab": Command("a live laboratory in the browser: drag loads, gaps, yield stress",
-                   ("[example]", "--port N", "--no-browser"), "open_lab"),
-    "notebooks": Command("copy the notebooks to a folder", ("folder", "--solutions", "--force")),
-}  # fmt: skip
+    "solve": Command(
+        "solve one problem on one mesh",
+        (
+            *BODY,
+            "--method",
+            "--gamma G",
+            "--start START",
+            "--error TOL",
+            "--goal NAME",
+            "--percent P",
+            *NEWTON,
+            "--save FILE",
+            "--figures DIR",
+        ),
+    ),
+    "path": Command(
+        "follow the path in gamma on one mesh", (*BODY, "--checkpoint FILE", *PATH)
+    ),
+    "study": Command("make a table or figure of the paper, or another measurement", ()),
+    "report": Command(
+        "write an HTML report about a saved run", ("run_file", "--out FILE")
+    ),
+    "check": Command(
+        "check the proof of an energy interval in a receipt", ("receipt",), "check_file"
+    ),
+    "limit": Command(
+        "guaranteed lower and upper bounds of a limit load",
+        ("body", "--width X", "--max-cells N", "--json FILE", "--figures DIR"),
+    ),
+    "lab": Command(
+        "a live laboratory in the browser: drag loads, gaps, yield stress",
+        ("[example]", "--port N", "--no-browser"),
+        "open_lab",
+    ),
+    "notebooks": Command(
+        "copy the notebooks to a folder", ("folder", "--solutions", "--force")
+    ),
+}
 
 COUNTS = ("--levels N", "--rows A,B")
 NODES = ("--lshape-nodes N", "--wrench-nodes N")
 
 STUDIES = {
-    "table1": Command("Newton steps over meshes and gamma, Example (a)", COUNTS, "counts:Table1"),
-    "table2": Command("Newton steps over meshes and gamma, Example (b)", COUNTS, "counts:Table2"),
-        "table3": Command("path-following for Example (b), compared with direct solves",
-                      ("--levels N", "--inner-scale C"), "paths:Table3"),
-    "figures": Command("Figures 2, 3, 5 and 6, ends of paths in gamma", NODES, "paths:Figures"),
-    "figure4": Command("quotients of the last Newton steps", work="convergence:Figure4"),
+    "table1": Command(
+        "Newton steps over meshes and gamma, Example (a)", COUNTS, "counts:Table1"
+    ),
+    "table2": Command(
+        "Newton steps over meshes and gamma, Example (b)", COUNTS, "counts:Table2"
+    ),
+    "table3": Command(
+        "path-following for Example (b), compared with direct solves",
+        ("--levels N", "--inner-scale C"),
+        "paths:Table3",
+    ),
+    "figures": Command(
+        "Figures 2, 3, 5 and 6, ends of paths in gamma", NODES, "paths:Figures"
+    ),
+    "figure4": Command(
+        "quotients of the last Newton steps", work="convergence:Figure4"
+    ),
     "duality": Command("the duality gap along paths in gamma", NODES, "paths:Duality"),
-    "differentiability": Command("the norm gap", work="differentiability:Differentiability"),
-    "without_tichonov": Command("Newton steps with and without Tichonov's term",
-                                ("--nodes N", "--gamma G"), "convergence:WithoutTichonov"),
+    "differentiability": Command(
+        "the norm gap", work="differentiability:Differentiability"
+    ),
+    "without_tichonov": Command(
+        "Newton steps with and without Tichonov's term",
+        ("--nodes N", "--gamma G"),
+        "convergence:WithoutTichonov",
+    ),
     "step42": Command("the body of step-42 by two methods", work="step42:Step42"),
     "counts": Command("Newton steps of the default method", work="counts:NewtonCounts"),
-        "cost": Command("cost of a solve, in elastic solves", work="cost:Cost"),
-    "locking": Command("volume locking: three tests, orders 1 and 2", work="locking:Locking"),
-    "overlap": Command("overlap between nodes, and stability of the contact pressure",
-                       work="overlap:BetweenNodes"),
-        "bounds": Command("guaranteed error bounds and the true error", work="bounds:Bounds"),
-    "benchmarks": Command("published problems: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
-                          ("--rows A,B", "--figures"), "benchmarks:Benchmarks"),
-        "accuracy": Command("time to 5 and 1 percent error, ngepc and CalculiX",
-                        work="accuracy:Accuracy"),
-    "threads": Command("wall time with one and with several threads", (),
-                       work="threads:Threads"),
-    "large": Command("large bodies by multigrid", ("--levels N", "--order N", "--solver"),
-                     "large:Large"),
-        "processes": Command("a large body on several processes: time and memory",
-                         ("--levels N", "--order N", "--counts N,M"), "large:Processes"),
-}  # fmt: skip
+    "cost": Command("cost of a solve, in elastic solves", work="cost:Cost"),
+    "locking": Command(
+        "volume locking: three tests, orders 1 and 2", work="locking:Locking"
+    ),
+    "overlap": Command(
+        "overlap between nodes, and stability of the contact pressure",
+        work="overlap:BetweenNodes",
+    ),
+    "bounds": Command(
+        "guaranteed error bounds and the true error", work="bounds:Bounds"
+    ),
+    "benchmarks": Command(
+        "published problems: NAFEMS, Code_Aster, Hill, Hertz, Mindlin, ...",
+        ("--rows A,B", "--figures"),
+        "benchmarks:Benchmarks",
+    ),
+    "accuracy": Command(
+        "time to 5 and 1 percent error, ngepc and CalculiX", work="accuracy:Accuracy"
+    ),
+    "threads": Command(
+        "wall time with one and with several threads", (), work="threads:Threads"
+    ),
+    "large": Command(
+        "large bodies by multigrid",
+        ("--levels N", "--order N", "--solver"),
+        "large:Large",
+    ),
+    "processes": Command(
+        "a large body on several processes: time and memory",
+        ("--levels N", "--order N", "--counts N,M"),
+        "large:Processes",
+    ),
+}
 """Name -> study."""
 
 
