@@ -22,7 +22,8 @@ PETSC_PYTHON ?= /usr/bin/python3
 PETSC_DIR ?= $(lastword $(wildcard /usr/lib/petscdir/petsc*/*-real))
 
 WORKERS ?= auto
-PARALLEL = -n $(WORKERS) --dist loadfile
+# The long files come first, tests/conftest.py has them.
+PARALLEL = -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 BIN := $(VENV)/bin
 # Setuptools warns of every editable installation of a package whose folder stands beside it.
@@ -30,6 +31,8 @@ INSTALL = PYTHONWARNINGS=ignore $(BIN)/python -m pip install --quiet
 export MPLBACKEND := Agg
 export NGS_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
+# Workers and the processes that tests start read what another one has compiled.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo check test campaigns mutants results test-petsc coverage lint docs benchmark benchmark-pieces clean
 

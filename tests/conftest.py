@@ -90,6 +90,24 @@ SLOW = (
 Those of both Newton methods, ``dual/test_newton.py`` and ``primal/test_primal.py``, are quick ones
 nevertheless.
 """
+LONGEST = (
+    "site/test_docs.py",
+    "site/test_notebooks.py",
+    "physics/test_crossings.py",
+    "local/test_multigrid.py",
+    "physics/test_convergence_rates.py",
+    "physics/test_published.py",
+    "sensitivity",
+    "local/test_sums.py",
+    "bounds",
+    "site",
+    "abuse",
+    "contact",
+    "physics",
+    "local",
+    "limit",
+)
+"""Files and folders that begin first, so that no process is left with a long one at the end."""
 SLOW_PLACES = {HERE / name for name in SLOW}
 
 
@@ -123,7 +141,15 @@ def pytest_ignore_collect(collection_path, config):
     return True if unwanted and collection_path in SLOW_PLACES else None
 
 
+def rank(item):
+    """The place of a test's file in LONGEST, after them all if it is none of these."""
+    places = (item.path, *item.path.parents)
+    ranks = [i for i, name in enumerate(LONGEST) if HERE / name in places]
+    return min(ranks, default=len(LONGEST))
+
+
 def pytest_collection_modifyitems(items):
+    items.sort(key=rank)
     for item in items:
         if not SLOW_PLACES.isdisjoint((item.path, *item.path.parents)):
             item.add_marker(pytest.mark.slow)

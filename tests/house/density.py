@@ -6,7 +6,7 @@
 import ast
 import io
 import tokenize
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 from sources import ROOT, TOP_LEVEL
 
@@ -42,6 +42,11 @@ class Density:
             if line and not line.startswith("#") and number not in documented:
                 self.lines += 1
                 self.characters += len(line)
+
+    def __add__(self, other):
+        """The sums over both codes."""
+        both = zip(astuple(self), astuple(other), strict=True)
+        return Density(*map(sum, both))
 
     @property
     def packed_per_100_lines(self):
@@ -79,9 +84,10 @@ def densities(root=ROOT):
     for path in sorted((root / "ngepc").glob("*/*.py")):
         room = path.parent.name
         if room not in TOP_LEVEL:
-            text = path.read_text(encoding="utf-8")
+            module = Density()
+            module.add(path.read_text(encoding="utf-8"))
             for name in (room, "all"):
-                found.setdefault(name, Density()).add(text)
+                found[name] = found.get(name, Density()) + module
     return found
 
 

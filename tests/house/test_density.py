@@ -2,9 +2,11 @@
 
 import pytest
 from density import Density, densities
+from sources import ROOT, TOP_LEVEL
 from walk import Walk, walks
 
-ROOMS = densities()
+FOLDERS = {path.parent.name for path in (ROOT / "ngepc").glob("*/*.py")}
+ROOMS = ["all", *sorted(FOLDERS - set(TOP_LEVEL))]
 MOST_PACKED = 1.0
 """Assignments ``a, b = x, y`` for 100 lines of code."""
 
@@ -15,10 +17,15 @@ MOST_CLIMBS = {"a load": 34, "a gamma": 1, "a bound": 6, "a gradient": 3}
 """Calls upwards: methods that a higher room defines for a class of a lower one, and callbacks."""
 
 
-@pytest.mark.parametrize("room", sorted(ROOMS))
-def test_code_is_unpacked(room):
-    assert ROOMS[room].packed_per_100_lines <= MOST_PACKED
-    assert ROOMS[room].mean_line <= LONGEST_MEAN
+@pytest.fixture(scope="module")
+def found():
+    return densities()
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_code_is_unpacked(room, found):
+    assert found[room].packed_per_100_lines <= MOST_PACKED
+    assert found[room].mean_line <= LONGEST_MEAN
 
 
 def test_climbs_do_not_increase():
@@ -32,6 +39,12 @@ def test_packed_assignments_and_tokens_are_seen():
     assert (density.packed, density.lines) == (1, 2)
     assert density.tokens == 7 + 7
     assert density.mean_line == pytest.approx((21 + 10) / 2)
+
+
+def test_the_whole_is_the_sum_of_the_rooms(found):
+    rooms = [density for name, density in found.items() if name != "all"]
+    assert set(found) == set(ROOMS)
+    assert found["all"] == sum(rooms, Density())
 
 
 def test_stays_and_returns_are_seen():

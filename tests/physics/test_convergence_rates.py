@@ -12,8 +12,8 @@ from functools import cache
 import numpy as np
 import pytest
 from closed_forms import Ring
-from manufactured import stretched_and_pressed
-from ngsolve import Grad, InnerProduct, Integrate, Norm, Sym, dx
+from manufactured import stress, stretched_and_pressed
+from ngsolve import CF, Grad, InnerProduct, Integrate, Norm, Sym, dx, x, y
 
 from ngepc import (
     Material,
@@ -70,6 +70,16 @@ def manufactured_errors(n, method="dual", order=1):
 def manufactured():
     """The errors on 8 x 8, 16 x 16 and 32 x 32 cells."""
     return [manufactured_errors(n) for n in CELLS]
+
+
+def test_the_body_force_is_in_equilibrium_with_the_stress():
+    """Its derivatives are written out; here NGSolve takes them."""
+    exact = stretched_and_pressed(block.structured_mesh(4, 4, simplices=True))
+    sigma = stress(exact.displacement, exact.problem.material)
+    divergence = CF(tuple(sigma[i, 0].Diff(x) + sigma[i, 1].Diff(y) for i in (0, 1)))
+    force = exact.problem.f
+    mesh = exact.problem.mesh
+    assert norm(divergence + force, mesh) < 1e-12 * norm(force, mesh)
 
 
 def test_both_methods_have_the_same_errors():

@@ -6,16 +6,17 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from importlib.util import find_spec
 
 import pytest
 from browser import Browser, chromium
 
 from ngepc.pictures.views import viewer_installed
 
-pytest.importorskip("jupyterlab", reason="comes with the extra notebook")
-pytest.importorskip("anywidget", reason="comes with the extra notebook")
+INSTALLED = all(map(find_spec, ("jupyterlab", "anywidget")))
 pytestmark = [
     pytest.mark.notebooks,
+    pytest.mark.skipif(not INSTALLED, reason="they come with the extra notebook"),
     pytest.mark.skipif(chromium() is None, reason="needs Chromium"),
     pytest.mark.skipif(not viewer_installed(), reason="needs the offline viewer"),
 ]
