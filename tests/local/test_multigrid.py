@@ -37,7 +37,7 @@ both = pytest.mark.parametrize(
 
 
 def lshape_with(kinematics):
-    paper = lshape_problem(lshape.paper_mesh(417))
+    paper = lshape_problem(lshape.paper_mesh(225))
     load, gap = paper.tractions, 0.1
     data = (paper.mesh, paper.material, "clamped", load, "contact", gap)
     return Problem(*data, kinematics=kinematics)

@@ -70,7 +70,7 @@ def difference(value, datum, amount):
     """The derivative of value(datum) by a central difference of fourth order."""
     step = 1e-4 * amount
     values = [value(datum + k * step) for k in STENCIL]
-    return float(np.dot(list(STENCIL.values()), values)) / step
+    return np.dot(list(STENCIL.values()), values) / step
 
 
 def test_an_own_law_needs_only_its_formulas():
@@ -108,19 +108,18 @@ def test_histories_carry_peeq():
 
     run = driven(law)
     names = ["law.yield_stress", "law.saturation", "law.rate"]
-    for functional in ("contact_force", "dissipation"):
-        found = gradient(run, functional, names)
-        column = functional
+    functionals = ("contact_force", "dissipation")
+    found = [gradient(run, functional, names) for functional in functionals]
+    for name in names:
+        field = name.removeprefix("law.")
 
-        for name in names:
-            field = name.removeprefix("law.")
+        def last(value, field=field):
+            changed = driven(replace(law, **{field: value}))
+            return np.array([changed.column(f)[-1] for f in functionals])
 
-            def last(value, field=field, column=column):
-                return driven(replace(law, **{field: value})).column(column)[-1]
-
-            given = getattr(law, field)
-            expected = difference(last, given, given)
-            assert found[name] == pytest.approx(expected, rel=1e-5)
+        given = getattr(law, field)
+        slopes = [of_functional[name] for of_functional in found]
+        assert slopes == pytest.approx(difference(last, given, given), rel=1e-5)
 
 
 def test_entries_of_a_table_and_a_table_as_a_whole():
