@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from campaigns.random_data import (
+    carried,
     four_times,
     functionals,
     last_state,
@@ -156,7 +157,7 @@ class Derivatives(Work):
 
     def solve(self, seed):
         """Differences for all, Taylor remainders and the envelope theorem for single steps."""
-        problem = random_problem(seed)
+        problem = carried(random_problem(seed))
         steps = 4 if seed % 5 == 2 else 1
         part = slice(None) if steps == 1 else slice(seed % 3, None, 3)
         found = compared(problem, once if steps == 1 else four_times, part)

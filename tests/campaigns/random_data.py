@@ -24,6 +24,7 @@ from ngepc.model.overlay import Overlay
 from ngepc.model.places import Contact, Coulomb
 from ngepc.model.problem import Problem
 from ngepc.model.viscosity import Norton
+from ngepc.results.outcome import Status
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction, as_functional
 from ngepc.sensitivity.gradient import states_of
 from ngepc.sensitivity.law_data import PARTS, with_constants
@@ -238,6 +239,13 @@ def once(problem, start=None):
     """The solution of one time step."""
     at = None if start is None else start.displacement
     return semismooth_newton(problem, start=at).raise_for_status()
+
+
+def carried(problem):
+    """The problem with loads halved until the body carries them: a saturated law has a limit."""
+    while semismooth_newton(problem).status is Status.LIMIT_LOAD:
+        problem = moved(problem, {"traction": -0.5, "body_force": -0.5})
+    return problem
 
 
 def four_times(problem, start=None):
