@@ -6,7 +6,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from ngsolve import Mesh
@@ -22,12 +22,13 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.blas import one_blas_thread
+from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
-from ngepc.results.iteration import newton_iteration
+from ngepc.results.iteration import ExactTarget, newton_iteration
 from ngepc.results.outcome import IterationRecord, Status
 
 log = logging.getLogger(__name__)
@@ -197,9 +198,7 @@ def solve_to(
         result, bound, steps, tools = solved(state, small, options)
         if goal is not None:
             near = None if interval is None else interval.factor
-            interval = GoalProblem.of_bound(tools[0], bound, *tools[1:]).bound_of(
-                goal, near
-            )
+            interval = tools.goals(bound).bound_of(goal, near)
         here = BoundedResult(result, bound, tolerance, records, "", interval)
         records.append(mesh_record(here, steps))
         message = ending(result, reported(records[-1], monitor))
@@ -278,16 +277,32 @@ def next_mesh(
     return bisected_to(mesh, np.maximum(per_cell, 0.0), options.marking, part)
 
 
+class Tools(NamedTuple):
+    """What a bound was computed with: data, tangent, search, and the compliance of the rows."""
+
+    bound_data: BoundData
+    tangent: Factors
+    search: Any
+    compliance: Compliance
+
+    def goals(self, bound: ErrorBound) -> GoalProblem:
+        """The intervals of goals for the bound."""
+        rest = self.tangent, self.search, self.compliance
+        return GoalProblem.of_bound(self.bound_data, bound, *rest)
+
+
 def solved(
     state: State, small: float, options: Refinement
-) -> tuple[ExactResult, ErrorBound, int, tuple[BoundData, Factors, Any]]:
+) -> tuple[ExactResult, ErrorBound, int, Tools]:
     """Newton steps on one mesh until their part of the bound is small, and their number.
 
-    The last result is what the bound was computed with: data, tangent and search.  Newton steps
-    pause at a step that lowers the energy by less than a ``small`` amount.
+    The last result is what the bound was computed with.  Newton steps pause at a step that lowers
+    the energy by less than a ``small`` amount.
     """
     bound_data = bound_data_of(state.discrete)
     tangent = Factors(state.discrete, "sparsecholesky")
+    compliance = state.discrete.compliance()
+    target = ExactTarget(state.discrete, compliance)
     steps = 0
     energies = []
 
@@ -300,13 +315,13 @@ def solved(
     while True:
         limits = (TOLERANCE, options.max_iterations - steps)
         energies[:] = [math.nan]
-        result = newton_iteration(state, tangent, ExactResult, *limits, pause)
+        result = newton_iteration(state, tangent, ExactResult, *limits, pause, target)
         steps += result.iterations
         paused = (
             result.status == Status.STOPPED and abs(energies[-2] - energies[-1]) < small
         )
         bound, search = bound_and_search(bound_data, result.state, tangent)
-        tools = (bound_data, tangent, search)
+        tools = Tools(bound_data, tangent, search, compliance)
         if not paused:
             return result, bound, steps, tools
         # Newton steps do not reduce the cost of clearing the obstacle between the nodes

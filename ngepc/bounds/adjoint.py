@@ -26,10 +26,11 @@ from ngepc.local.system import State
 
 TOUCHES = 1e-10  # fraction of the largest force of a row above which it presses
 HOLDS = 20  # largest number of passes until no more rows are held
-HELD = 1e-4
-"""Tolerance of the values of held rows, relative to the largest displacement.
+HELD = 0.1
+"""Tolerance of the values of held rows, as a part of the root of the error bound.
 
-What is left of the conditions is repaired node by node: its energy is the square of this.
+What is left of the conditions is repaired node by node: of m rows it has about m times the energy
+of the square of their error, relative to the largest displacement.
 """
 UNMOVED = 1e-5
 """Tolerance of equilibrium, relative to the forces that hold the displacements."""
@@ -82,8 +83,9 @@ class Start:
 class AdjointProblem:
     """Adjoints of goals around one state.
 
-    ``tangent`` are factors at the state, or near it, ``search`` what found the stress of the bound;
-    both are made where they are missing.
+    ``error`` is the relative error of the state.  ``tangent`` are factors at the state, or near it,
+    ``search`` is what found the stress of the bound, ``compliance`` a guess of that of the rows;
+    they are made where they are missing.
     """
 
     def __init__(
@@ -91,8 +93,10 @@ class AdjointProblem:
         bound_data: BoundData,
         state: State,
         P: np.ndarray,
+        error: float = 1e-4,
         tangent: Factors | None = None,
         search: Any = None,
+        compliance: Compliance | None = None,
     ) -> None:
         self.bound_data = bound_data
         self.state = state
@@ -107,11 +111,16 @@ class AdjointProblem:
         rows = bound_data.discrete.rows
         self._rows = rows.normal.tocsr()
         count = len(rows)
-        stiffness = bound_data.discrete.row_stiffness[:count]
-        self._compliance = Compliance(1 / stiffness)
+        self.tolerance = HELD * math.sqrt(error / max(count, 1))
+        if compliance is None:
+            compliance = Compliance(1 / bound_data.discrete.row_stiffness[:count])
+        compliance.restart()
+        self._compliance = compliance
         self._lower: AdjointProblem | None = None
         if bound_data.lower is not None:
-            self._lower = AdjointProblem(bound_data.lower, bound_data.lower_state, P)
+            self._lower = AdjointProblem(
+                bound_data.lower, bound_data.lower_state, P, error
+            )
         elif search is None:
             search = bound_data.search(state)
         self._search = search
@@ -130,7 +139,7 @@ class AdjointProblem:
         for _ in range(len(places) + 3):
             off = self._rows[places] @ z.ravel() - values[places]
             size = max(np.abs(z).max(), np.abs(values).max())
-            if np.abs(off).max() <= HELD * size:
+            if np.abs(off).max() <= self.tolerance * size:
                 break
             block = self._compliance.block(places)
             change = np.zeros(len(forces))

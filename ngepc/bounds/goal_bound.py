@@ -38,6 +38,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import at_most_percent, outward
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.blas import one_blas_thread
+from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
 from ngepc.model.features import require_covered
 
@@ -194,16 +195,29 @@ class GoalProblem:
 
     @classmethod
     def of_bound(
-        cls, bound_data: BoundData, bound: ErrorBound, tangent: Factors, search: Any
+        cls,
+        bound_data: BoundData,
+        bound: ErrorBound,
+        tangent: Factors,
+        search: Any,
+        compliance: Compliance | None = None,
     ) -> GoalProblem:
-        """The same from the results of ``bound_and_search`` and the factors that it used."""
+        """The same from the results of ``bound_and_search`` and the factors that it used.
+
+        ``compliance`` is a guess of that of the contact rows, from Newton's method for example.
+        """
         made = cls.__new__(cls)
         require_covered(bound_data.problem, "a goal bound", COVERS)
-        made._take(bound_data, bound, tangent, search)
+        made._take(bound_data, bound, tangent, search, compliance)
         return made
 
     def _take(
-        self, bound_data: BoundData, bound: ErrorBound, tangent: Factors, search: Any
+        self,
+        bound_data: BoundData,
+        bound: ErrorBound,
+        tangent: Factors,
+        search: Any,
+        compliance: Compliance | None = None,
     ) -> None:
         if bound_data.carried.left.any():
             names = " and ".join(
@@ -218,7 +232,13 @@ class GoalProblem:
         self.bound_data = bound_data
         self.bound = bound
         self._adjoints = AdjointProblem(
-            bound_data, bound.state, bound.pressure, tangent, search
+            bound_data,
+            bound.state,
+            bound.pressure,
+            min(bound.relative, 1.0),
+            tangent,
+            search,
+            compliance,
         )
         self._of_bound = BoundPart(bound_data, bound)
 

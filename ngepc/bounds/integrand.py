@@ -55,6 +55,8 @@ CORNER_WEIGHTS = {3: np.zeros(3), 4: np.full(4, -1 / 20)}
 """Weights of rules of degree two at the middles of the edges and at the corners."""
 
 
+NEGLIGIBLE = 0.2
+"""Part of that which parts may contribute that are not looked at any further."""
 SAMPLED = 1000
 """Cells on which integrals for the choice of lambda are computed; the rest is known from others."""
 
@@ -85,10 +87,13 @@ class Side:
         corners, inside = self.law.potential(self.pulled, self.w)
         smooth = inside.all(axis=1)
         exact = self.law.quadratic(self.pulled, self.w, self.volume)
-        known = self.rest + np.where(smooth, exact, 0.0)
+        bound = np.where(smooth, exact, self.volume * corners.mean(axis=1))
+        whole = np.maximum(bound + self.rest, 0.0)
+        few = worth_keeping(whole, NEGLIGIBLE * WORTH * float(whole.sum()))
+        left = ~smooth & ~few
+        known = self.rest + np.where(left, 0.0, bound)
         result = np.bincount(self.cell, known, minlength=count)
 
-        left = ~smooth
         k = self.pulled.shape[1]
         pulled = self.pulled[left]
         w = self.w[left]

@@ -28,7 +28,7 @@ from ngepc.bounds.supremum import (
 
 SPLITS = {4: 2, 6: 3}
 """Most levels of cutting, by the number of coefficients on a part."""
-WORTH = 0.05
+WORTH = 0.1
 """What bounds may exceed the integrals by, as a part of them."""
 NAMES = ("tau", "sigma", "volume", "trial", "back", "trace", "strain")
 

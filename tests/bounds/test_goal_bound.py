@@ -141,6 +141,26 @@ def test_the_work_of_the_load_of_the_wrench(order):
     assert found.lower < 0.004996
     assert found.upper > 0.004996
     assert found.percent < {1: 60, 2: 12}[order]
+    assert 0 < found.estimate < found.width / 2
+
+
+def test_several_goals_share_factors_and_what_rows_have_taught():
+    """The tangent is factorised once, and an adjoint takes few solves with it."""
+    problem = replace(example("lshape", 1601), order=1)
+    goals = GoalProblem(semismooth_newton(problem))
+    tangent = goals._adjoints.tangent
+    moduli = tangent.moduli
+    solves = []
+    for goal in ("work", "contact_force"):
+        before = tangent.back_substitutions
+        goals.bound_of(goal)
+        solves.append(tangent.back_substitutions - before)
+    assert tangent.moduli is moduli
+    assert max(solves) < 15
+    alone = GoalProblem(semismooth_newton(problem))
+    assert alone.bound_of("contact_force").percent == pytest.approx(
+        goals.bound_of("contact_force").percent, rel=0.02
+    )
 
 
 def test_the_reaction_balances_the_load():

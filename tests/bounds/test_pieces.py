@@ -9,7 +9,7 @@ import pytest
 from ngsolve import x
 
 from ngepc import Material, Problem, Tabulated, semismooth_newton
-from ngepc.bounds.adjoint import HELD, AdjointProblem
+from ngepc.bounds.adjoint import AdjointProblem
 from ngepc.bounds.bound import bound_data_of, state_of
 from ngepc.bounds.check_receipt import rolled
 from ngepc.bounds.conjugate import R6, Conjugate
@@ -110,7 +110,7 @@ def test_rows_of_the_adjoint_that_touch_nothing_stay_within_their_gap():
         base = adjoints.pressed_rows(forces, wanted)
         z = adjoints._steered(base, wanted, factor)
         moved = adjoints._rows @ z.ravel()
-        rounding = HELD * np.abs(z).max()
+        rounding = adjoints.tolerance * np.abs(z).max()
         assert (np.abs(moved) <= factor * gap + rounding).all()
         held = open_rows & (np.abs(moved) >= factor * gap - rounding)
         assert held.any()
