@@ -26,8 +26,9 @@ from ngepc.local.system import State
 
 TOUCHES = 1e-10  # fraction of the largest force of a row above which it presses
 HOLDS = 20  # largest number of passes until no more rows are held
+LOOSEST = 1e-4
 HELD = 0.1
-"""Tolerance of the values of held rows, as a part of the root of the error bound.
+"""Tolerance of the values of held rows, as a part of the root of the error bound, and the largest.
 
 What is left of the conditions is repaired node by node: of m rows it has about m times the energy
 of the square of their error, relative to the largest displacement.
@@ -111,7 +112,7 @@ class AdjointProblem:
         rows = bound_data.discrete.rows
         self._rows = rows.normal.tocsr()
         count = len(rows)
-        self.tolerance = HELD * math.sqrt(error / max(count, 1))
+        self.tolerance = min(LOOSEST, HELD * math.sqrt(error / max(count, 1)))
         if compliance is None:
             compliance = Compliance(1 / bound_data.discrete.row_stiffness[:count])
         compliance.restart()

@@ -53,6 +53,8 @@ ABOVE = 1.3
 """An adjoint is kept if the best lambda over its own one is expected to be between these."""
 REBUILDS = 2
 LARGEST = 1e12
+ROUNDING = 1e-12
+"""Part of the works in an interval by which it is widened, for rounding errors."""
 FIRST = 1.1
 """The first lambda over (E_z/E)^(1/2) (E/B)^(1/3), with the energies of adjoint and result.
 
@@ -269,12 +271,10 @@ class GoalProblem:
         error = self.bound.total
         if not (found.adjoint.energy > 0 and error > 0):
             return self._climbed(start, best)
-        if not self._adjoints.presses.any():
-            wanted = math.sqrt(found.adjoint.energy / error)
-            if self._adjoints.admits(start.goal, found.adjoint, wanted):
-                width = found.integrand.estimate(wanted)
-                best = replace(found, factor=wanted, width=width)
-            return self._climbed(start, best)
+        wanted = math.sqrt(found.adjoint.energy / error)
+        if self._adjoints.admits(start.goal, found.adjoint, wanted):
+            width = found.integrand.estimate(wanted)
+            return self._climbed(start, replace(found, factor=wanted, width=width))
         for _ in range(REBUILDS):
             made = found.factor
             wanted = (2 * found.adjoint.energy * made / error) ** (1 / 3)
@@ -328,13 +328,18 @@ class GoalProblem:
         centre += float(np.vdot(self.bound_data.discrete.load, adjoint.z))
         centre += chosen.integrand.residual
         centre += float(contact.opening(state.u, adjoint.pressure).sum())
+        rounding = ROUNDING * float(
+            np.vdot(np.abs(self.bound_data.discrete.load), np.abs(adjoint.z))
+            + np.vdot(np.abs(state.internal_forces), np.abs(adjoint.z))
+            + abs(discrete)
+        )
         above, below = chosen.integrand.bounds(chosen.factor)
         per_cell = (above + below) / 2
         per_cell += np.bincount(contact.owner, opened, minlength=len(per_cell))
         return GoalBound(
             terms.name,
-            centre - float(below.sum() + opened.sum()),
-            centre + float(above.sum() + opened.sum()),
+            centre - float(below.sum() + opened.sum()) - rounding,
+            centre + float(above.sum() + opened.sum()) + rounding,
             discrete,
             self.bound,
             adjoint.energy,
