@@ -272,7 +272,8 @@ class GoalProblem:
         if not (found.adjoint.energy > 0 and error > 0):
             return self._climbed(start, best)
         wanted = math.sqrt(found.adjoint.energy / error)
-        if self._adjoints.admits(start.goal, found.adjoint, wanted):
+        kept = wanted < found.factor or not self._adjoints.presses.any()
+        if kept and self._adjoints.admits(start.goal, found.adjoint, wanted):
             width = found.integrand.estimate(wanted)
             return self._climbed(start, replace(found, factor=wanted, width=width))
         for _ in range(REBUILDS):
