@@ -50,7 +50,7 @@ def main(out: Path, coarse: bool = False) -> str:
     assert abs(yielding.reaction + yielding.applied_force).max() < 1e-9
 
     def curve(axes):
-        plain(axes, "nodes", "elastic tip displacement (length)")
+        plain(axes, "nodes", "elastic tip displacement")
         for order, tips in elastic.items():
             axes.semilogx(family, tips, "o-", label=f"order {order}")
         axes.axhline(

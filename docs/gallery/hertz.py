@@ -57,7 +57,7 @@ def main(out: Path, coarse: bool = False) -> str:
     assert plastic.contact_force < force
 
     def curves(axes):
-        plain(axes, "x (length)", "contact pressure (stress)")
+        plain(axes, "x", "contact pressure")
         s = np.linspace(-a, a, 200)
         for result, label in ((elastic, "elastic"), (plastic, "elastoplastic")):
             (position, pressure) = pressure_curves(result)[0]

@@ -57,7 +57,7 @@ def main(out: Path, coarse: bool = False) -> str:
     line += ", largest force " + check("primal", other.max(), force.max(), 1e-8)
 
     def curves(axes):
-        plain(axes, "displacement of the top (length)", "force (stress times length)")
+        plain(axes, "displacement of the top", "force")
         axes.plot([0, *moved], [0, *force], ".-", linewidth=1, markersize=3)
         axes.ticklabel_format(axis="x", scilimits=(-2, 3))
 

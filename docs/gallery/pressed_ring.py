@@ -63,7 +63,7 @@ def main(out: Path, coarse: bool = False) -> str:
     line += ", " + check("integral of |p|", strain, yielded, tolerance)
 
     def curves(axes):
-        plain(axes, "internal pressure (stress)", "contact pressure (stress)")
+        plain(axes, "internal pressure", "contact pressure")
         P = np.linspace(0, PRESSURES[-1], 100)
         closed = [
             PressedShell(material=MATERIAL, N=2, pressure=p, gap=GAP).contact_pressure

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from scipy.sparse import csr_array
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 
 from ngepc.checks.arguments import require_number
@@ -332,7 +332,7 @@ def arc_lengths(segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     places = np.round(segments.reshape(-1, 2) / (np.ptp(segments) or 1.0), 9)
     known, ends = np.unique(places, axis=0, return_inverse=True)
     ends = ends.reshape(-1, 2)
-    graph = csr_array((lengths, ends.T), shape=(len(known), len(known)))
+    graph = csr_matrix((lengths, ends.T), shape=(len(known), len(known)))
     tree = minimum_spanning_tree(graph)
     curves = connected_components(graph)[1]
     joints = np.bincount(np.concatenate(tree.nonzero()), minlength=len(known))

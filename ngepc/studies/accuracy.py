@@ -30,6 +30,7 @@ from ngepc.studies.accuracy_cases import CASES, Case
 from ngepc.studies.accuracy_decks import deck_of
 from ngepc.studies.work import OverMeshes
 
+ACROSS = 3  # panels of the figure in a row
 PROGRAMS = (
     "default",
     "default, bricks",
@@ -159,21 +160,29 @@ class Accuracy(OverMeshes):
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """Errors over times, one panel for each case."""
         names = list(dict.fromkeys(record["case"] for record in records))
+        rows = -(-len(names) // ACROSS)
+        size = (3.4 * ACROSS, 3.0 * rows)
         figure, panels = plt.subplots(
-            1, len(names), figsize=(4 * len(names), 3.6), squeeze=False
+            rows, ACROSS, figsize=size, squeeze=False, layout="constrained"
         )
-        for panel, name in zip(panels[0], names, strict=True):
+        for panel in panels.flat[len(names) :]:
+            panel.set_axis_off()
+        for row in panels:
+            row[0].set_ylabel("error in percent")
+        lines = {}
+        for panel, name in zip(panels.flat, names, strict=False):
             for record in records:
                 if record["case"] == name:
                     error = 100 * np.array(record["errors"])
-                    panel.loglog(record["cpu"], error, "o-", label=record["program"])
+                    program = record["program"]
+                    colour = f"C{PROGRAMS.index(program)}"
+                    (line,) = panel.loglog(record["cpu"], error, "o-", color=colour)
+                    lines[program] = line
             panel.set_title(name)
             panel.set_xlabel("CPU seconds")
             panel.axhline(1, color="0.7", linewidth=0.8)
             panel.axhline(5, color="0.7", linewidth=0.8)
-        panels[0][0].set_ylabel("error in percent")
-        panels[0][-1].legend(fontsize=7)
-        figure.tight_layout()
+        figure.legend(lines.values(), lines, loc="outside lower center", ncols=4)
         path = self.folder / "accuracy.png"
         figure.savefig(path, dpi=130)
         plt.close(figure)

@@ -93,10 +93,8 @@ class Benchmarks(Work):
 
     name = "benchmarks"
     title = "Published problems"
-    columns = """problem = {problem} ({source}) | quantity = {name} | reference = {reference:.6g}
-        | type = {kind} | ours = {ours:.6g} | difference = {percent:+.2f} %{beyond}
-        | tolerance = {allowed:.3g} % | elements = {elements} | unknowns = {unknowns}
-        | seconds = {cpu_s:.1f}"""
+    columns = """problem = {problem} ({source}) | quantity = {name} | reference = {reference:.6g} {kind}
+        | ours = {ours:.6g} | difference = {percent:+.2f} %{beyond} | tolerance = {allowed:.3g} %"""
 
     def __post_init__(self) -> None:
         self.rows = chosen(BENCHMARKS, self.rows)
@@ -143,7 +141,8 @@ class Benchmarks(Work):
             f"- {problem}: {remark}" for problem, remark in remarks.items() if remark
         ]
         what = (
-            "P published, C closed form, O own computation; seconds of one processor."
+            "References: P published, C closed form, O own computation. The CSV file has also the "
+            "numbers of elements and unknowns, and processor times."
         )
         return [what, "", *said]
 
