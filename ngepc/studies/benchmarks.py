@@ -94,7 +94,8 @@ class Benchmarks(Work):
     name = "benchmarks"
     title = "Published problems"
     columns = """problem = {problem} ({source}) | quantity = {name}
-        | reference = {reference:.6g} {kind} | ours = {ours:.6g} | difference = {percent:+.2f} %{beyond}
+        | reference = {reference:.6g} {kind} | ours = {ours:.6g}
+        | difference = {percent:+.2f} %{beyond}
         | tolerance = {allowed:.3g} %"""
 
     def __post_init__(self) -> None:
