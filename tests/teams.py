@@ -126,7 +126,7 @@ def run(size, work):
         with crew.turn:
             try:
                 found[rank] = work(Communicator(crew, rank))
-            except Exception as error:
+            except Exception as error:  # raised again by the main thread
                 errors.append(error)
             crew.end(in_order=rank in found)
 

@@ -24,7 +24,7 @@ def reading(path: Path) -> Iterator[None]:
     """Whatever is raised inside becomes a ValueError that names the file."""
     try:
         yield
-    except Exception as error:
+    except Exception as error:  # a damaged file may raise anything while it is read
         if str(path) in str(error):
             raise
         problem = f"{type(error).__name__}: {error}"

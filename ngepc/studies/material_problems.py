@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from ngsolve import CF, x, y
+from ngsolve import CF, Mesh, x, y
 from ngsolve.meshes import MakeStructured2DMesh
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -77,18 +77,23 @@ def ring_limit() -> float:
     return float(-run.y[0, -1])
 
 
-def ring() -> Solved:
-    """A thin ring, widened inside until all of it yields (Nadai).
-
-    Hardening 1e-5 mu; a quarter of it, of curved quadrilaterals of order two.
-    """
+def quarter_ring(n: int) -> Mesh:
+    """A quarter of a ring with the radii ``RADII``: n x 3 n quadrilaterals."""
 
     def placed(s: float, t: float) -> tuple[float, float]:
         """A point of the ring from one of the unit square."""
         r = RADII[0] + (RADII[1] - RADII[0]) * s
         return r * math.cos(math.pi / 2 * t), r * math.sin(math.pi / 2 * t)
 
-    mesh = MakeStructured2DMesh(quads=True, nx=12, ny=36, mapping=placed)
+    return MakeStructured2DMesh(quads=True, nx=n, ny=3 * n, mapping=placed)
+
+
+def ring() -> Solved:
+    """A thin ring, widened inside until all of it yields (Nadai).
+
+    Hardening 1e-5 mu; a quarter of it, of curved quadrilaterals of order two.
+    """
+    mesh = quarter_ring(12)
     held = {"bottom": (None, 0), "top": (0, None), "left": Roller(value=-0.05)}
     problem = Problem(
         mesh,

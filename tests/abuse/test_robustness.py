@@ -19,6 +19,7 @@ from campaigns.robustness import (
     extreme_problem,
     solve,
 )
+from samples import state_of
 from witness import balance_residual, dual_residual
 
 from ngepc import Status, primal_newton
@@ -41,13 +42,6 @@ STEEP = {"gamma 1e+06", "gamma 1e+09"}
 """Rows that the coupled method need not master from a cold start."""
 
 
-def state(result):
-    """All numbers of the state that a result keeps."""
-    if hasattr(result, "v"):
-        return np.r_[result.y.FV().NumPy(), result.v.FV().NumPy()]
-    return result.displacement.vec.FV().NumPy()
-
-
 def test_the_data_go_to_their_extremes():
     assert max(POISSON) == 0.4999
     assert (max(HARDENING), min(HARDENING)) == (1e-1, 1e-6)
@@ -61,7 +55,7 @@ def check_state(result, method):
     """A named status, finite numbers, and residuals that an independent look confirms."""
     last = getattr(result, "last", result)
     assert isinstance(result.status, Status)
-    assert np.isfinite(state(last)).all()
+    assert np.isfinite(state_of(last)).all()
     assert math.isfinite(last.primal_energy)
     if result.status is not Status.CONVERGED:
         assert "residual" in result.message

@@ -244,7 +244,7 @@ class Equilibria(Work):
         """The verdict on one problem."""
         try:
             wrong, count = judged(random_problem(number, law))
-        except Exception as error:
+        except Exception as error:  # any exception is a complaint
             wrong, count = [f"{type(error).__name__}: {error}"], 0
         return {"equilibria": count, "wrong": wrong}
 

@@ -278,7 +278,7 @@ def passes(arrays, header):
         np.savez(path, header=json.dumps(header), **arrays)
         try:
             check_receipt.check(str(path))
-        except Exception:
+        except Exception:  # whatever is wrong with a file, it does not pass
             return False
         return True
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from samples import stop_after
 
 from ngepc import (
     Coupled,
@@ -38,17 +39,6 @@ def problem():
 @pytest.fixture(scope="module")
 def path(problem):
     return follow_path(problem)
-
-
-def stop_after(number):
-    seen = []
-
-    def monitor(step):
-        seen.append(step)
-        if len(seen) == number:
-            raise StopIteration
-
-    return monitor
 
 
 def test_mesh_widths_of_known_meshes():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from bodies import flat_problem
 from ngsolve import CF, Integrate, Norm, Parameter, y
+from samples import state_of
 from witness import balance_residual, dual_residual
 
 from ngepc import (
@@ -43,13 +44,6 @@ REGULARISATIONS = {
     "full product": Coupled(1e2, tichonov=FullProduct()),
     "weak Tichonov term": Coupled(1e2, tichonov=FullProduct(), gamma_tichonov=1e5),
 }
-
-
-def state_of(result):
-    """All numbers of the state that a result keeps."""
-    if hasattr(result, "v"):
-        return np.r_[result.y.FV().NumPy(), result.v.FV().NumPy()]
-    return result.displacement.vec.FV().NumPy()
 
 
 @pytest.mark.parametrize("name", REGULARISATIONS)

@@ -2,14 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import diags, eye, kron
+from samples import grid_laplacian
 
 from ngepc.linalg.aggregation import aggregates, tentative
-
-
-def grid_laplacian(n):
-    line = diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
-    return (kron(line, eye(n)) + kron(eye(n), line)).tocsr()
 
 
 def graph_of(matrix):

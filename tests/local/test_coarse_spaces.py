@@ -2,17 +2,13 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import diags, eye, kron
+from samples import grid_laplacian
+from scipy.sparse import eye
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from ngepc.local.pyamg import coarse_spaces
 
 pytest.importorskip("pyamg")
-
-
-def grid_laplacian(n):
-    line = diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
-    return (kron(line, eye(n)) + kron(eye(n), line)).tocsr()
 
 
 def iterations(n):

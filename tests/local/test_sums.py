@@ -292,7 +292,7 @@ def told_by(place, only=None):
         with_sums(patch, left_out=place)
         try:
             different = set(differences(whole(), run(2, partial(readings, only=only))))
-        except Exception as error:
+        except Exception as error:  # a run that fails has noticed the missing sum
             return f"{type(error).__name__}: {error}"
     return ", ".join(sorted(f"{room} of {body}" for body, room in different))
 

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from ngsolve import CF, IfPos, x, y
+from samples import stop_after
 
 from ngepc import (
     Material,
@@ -103,7 +104,7 @@ def test_bar_in_a_history(name, hardening, tmp_path):
     problem, law = bar(LAWS[name], 0.0, hardening=hardening), LAWS[name]
     steps = [(float(i), {"traction": {"contact": (0, s)}}) for i, s in enumerate(CYCLE)]
     file = tmp_path / "history.npz"
-    evolve(problem, steps, checkpoint=file, monitor=_stop_after(3))
+    evolve(problem, steps, checkpoint=file, monitor=stop_after(3))
     history = evolve(problem, steps, checkpoint=file)
     assert history.status is Status.CONVERGED
     plastic, peeq = 0.0, 0.0
@@ -124,17 +125,6 @@ def test_bar_in_a_history(name, hardening, tmp_path):
             peeq, rel=1e-8
         )
     assert peeq > 1.2 * abs(plastic)
-
-
-def _stop_after(count):
-    seen = []
-
-    def monitor(step):
-        seen.append(step)
-        if len(seen) == count:
-            raise StopIteration
-
-    return monitor
 
 
 def _root(function, low=0.0, high=1.0):

@@ -21,6 +21,8 @@ from ngepc import (
 from ngepc.geometries import block
 from ngepc.model.hardening import HardeningLaw
 from ngepc.sensitivity.gradient import gradient
+from ngepc.studies import material_problems
+from ngepc.studies.material_problems import RADII
 
 YOUNG = 1000.0
 POISSON = 0.3
@@ -120,18 +122,9 @@ def test_thickness_multiplies_forces_and_energies():
         sheet(**load, thickness=0)
 
 
-RADII = (1.0, 1.5)
-
-
 def quarter_ring(n, material, pressure, **data):
     """A quarter of a ring under inner pressure, of curved quadrilaterals."""
-    from ngsolve.meshes import MakeStructured2DMesh
-
-    def placed(s, t):
-        r = RADII[0] + (RADII[1] - RADII[0]) * s
-        return (r * np.cos(np.pi / 2 * t), r * np.sin(np.pi / 2 * t))
-
-    mesh = MakeStructured2DMesh(quads=True, nx=n, ny=3 * n, mapping=placed)
+    mesh = material_problems.quarter_ring(n)
     held = {"bottom": (None, 0), "top": (0, None)}
     given = {"prescribed": held, "pressure": {"left": pressure}, "order": 2}
     return Problem(mesh, material, clamped=None, **given, **THIN | data)
