@@ -136,8 +136,33 @@ def width_of(lower: float, upper: float) -> float:
     return (upper - lower) / abs(lower)
 
 
+class Bracketed:
+    """Width and last mesh of a result with both bounds: a limit load or a shakedown load."""
+
+    problem: Problem
+    lower: float
+    upper: float
+    last: MeshBracket
+
+    @property
+    def relative_width(self) -> float:
+        """(upper - lower) / lower."""
+        return width_of(self.lower, self.upper)
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The last mesh, on which the fields are given."""
+        return mesh_of(self.last.data, self.problem.mesh, self.length)
+
+    @property
+    def length(self) -> float:
+        """The unit of length of ``last``: the extent of the body, as a power of two."""
+        extent = np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max()
+        return power_of_two(float(extent))
+
+
 @dataclass(frozen=True, eq=False)
-class LimitLoad:
+class LimitLoad(Bracketed):
     """The result of ``limit_load``.
 
     Parameters
@@ -168,25 +193,9 @@ class LimitLoad:
     last: MeshBracket
 
     @property
-    def relative_width(self) -> float:
-        """(upper - lower) / lower."""
-        return width_of(self.lower, self.upper)
-
-    @property
     def message(self) -> str:
         """How the search ended, and what limit analysis neglects."""
         return f"{self.status.value} {HARDENS}"
-
-    @cached_property
-    def mesh(self) -> Mesh:
-        """The last mesh, on which the fields are given."""
-        return mesh_of(self.last.data, self.problem.mesh, self.length)
-
-    @property
-    def length(self) -> float:
-        """The unit of length of ``last``: the extent of the body, as a power of two."""
-        extent = np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max()
-        return power_of_two(float(extent))
 
     @cached_property
     def mechanism(self) -> GridFunction | None:

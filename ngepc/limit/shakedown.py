@@ -15,7 +15,7 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from ngsolve import CF, CoefficientFunction, GridFunction, Mesh
+from ngsolve import CF, CoefficientFunction, GridFunction
 
 from ngepc.checks.arguments import is_number
 from ngepc.checks.sentences import outward
@@ -24,16 +24,16 @@ from ngepc.limit.bracket import MeshBracket, carried_stress
 from ngepc.limit.cycles import alternating_bound, cycle_bracket_on
 from ngepc.limit.data import LimitData, power_of_two
 from ngepc.limit.elastic import EXACT, INITIAL_STRAIN, elastic_stress, without_loads
-from ngepc.limit.fields import mesh_of, stress_function, velocity_function
+from ngepc.limit.fields import stress_function, velocity_function
 from ngepc.limit.load import (
     MAX_CELLS,
+    Bracketed,
     LimitRecord,
     LimitStatus,
     Search,
     check_search,
     limit_load,
     strongest,
-    width_of,
 )
 from ngepc.limit.reading import (
     BODY_FORCE,
@@ -43,7 +43,6 @@ from ngepc.limit.reading import (
     moving_supports,
 )
 from ngepc.limit.yielding import CYCLIC_SHAPES, YieldShape
-from ngepc.model.elements import vertex_coordinates
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 
@@ -80,7 +79,7 @@ GROWS = (
 
 
 @dataclass(frozen=True, eq=False)
-class ShakedownLoad:
+class ShakedownLoad(Bracketed):
     """The result of ``shakedown_load``.
 
     Parameters
@@ -118,11 +117,6 @@ class ShakedownLoad:
     last: MeshBracket
 
     @property
-    def relative_width(self) -> float:
-        """(upper - lower) / lower."""
-        return width_of(self.lower, self.upper)
-
-    @property
     def alternates(self) -> bool:
         """Whether the upper bound is that of alternating plasticity."""
         return self.upper == self.alternating
@@ -137,17 +131,6 @@ class ShakedownLoad:
             return f"{self.status.value} {worth}"
         beyond = ALTERNATES if self.alternates else GROWS
         return f"{self.status.value} {worth} {beyond}"
-
-    @property
-    def length(self) -> float:
-        """The unit of length of ``last``: the extent of the body, as a power of two."""
-        extent = np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max()
-        return power_of_two(float(extent))
-
-    @cached_property
-    def mesh(self) -> Mesh:
-        """The last mesh, on which the fields are given."""
-        return mesh_of(self.last.data, self.problem.mesh, self.length)
 
     @cached_property
     def residual_stress(self) -> CoefficientFunction | None:

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_matrix, diags, eye, kron, tril
+from samples import grid_laplacian
+from scipy.sparse import csr_matrix, diags, tril
 from scipy.sparse.linalg import splu, spsolve_triangular
 
 from ngepc.linalg import cycle
@@ -13,16 +14,11 @@ amg_core = pytest.importorskip("pyamg").amg_core
 SWEEP = amg_core.gauss_seidel_indexed
 
 
-def laplacian(n):
-    line = diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(n, n))
-    return (kron(line, eye(n)) + kron(eye(n), line)).tocsr()
-
-
 @pytest.fixture
 def matrix():
     random = np.random.default_rng(3)
     scale = diags(random.uniform(0.5, 2.0, 144))
-    return (scale @ laplacian(12) @ scale).tocsr()
+    return (scale @ grid_laplacian(12) @ scale).tocsr()
 
 
 @pytest.fixture
