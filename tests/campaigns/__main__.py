@@ -1,4 +1,4 @@
-"""Campaigns that try to contradict the solvers, longer than a test; cells are kept as in studies.
+"""Campaigns: long runs that search for wrong results; cells are stored as in studies.
 
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
 --rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
@@ -26,12 +26,12 @@ from ngsolve import SetNumThreads
 
 
 def rows(text):
-    """The parts of a list, between commas without a space."""
+    """The entries of a list, separated by commas without a space."""
     return re.split(",(?! )", text)
 
 
 def arguments():
-    """What a command line may say."""
+    """The parser of the command line."""
     parser = argparse.ArgumentParser(prog="python -m campaigns", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out"))
     campaigns = parser.add_subparsers(dest="campaign", required=True)
@@ -121,7 +121,7 @@ def arguments():
 
 
 def main(words=None):
-    """Run a campaign; says what it has written."""
+    """Run a campaign and print the names of the files written."""
     given = arguments().parse_args(words)
     options = {name: getattr(given, name) for name in given.options}
     work = given.kind(given.out, progress=print, **options)

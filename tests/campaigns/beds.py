@@ -1,4 +1,4 @@
-"""Files that others have written, gathered in one folder for the campaign ``foreign``.
+"""Mesh files of other programs, collected in one folder for the campaign ``foreign``.
 
 ``PYTHONPATH=tests python -m campaigns.beds FOLDER [meshio-5.3.5.tar.gz]``: the decks of Debian's
 package calculix-ccx-test, the geometries of gmsh's tutorials and examples meshed in orders 1 and 2
@@ -44,7 +44,7 @@ def meshes_of_meshio(folder, archive):
 
 
 def tutorials(folder):
-    """gmsh's own geometries, each meshed in a process that has so many seconds."""
+    """gmsh's own geometries, each meshed in a process with a time limit in seconds."""
     folder.mkdir(parents=True, exist_ok=True)
     for path in sorted(TUTORIALS.rglob("*.geo")):
         for order in (1, 2):
@@ -73,7 +73,7 @@ def mesh(path, order, version, out):
         gmsh.option.setNumber("Mesh.MshFileVersion", version)
         if sum(map(len, gmsh.model.mesh.getElements(dimension)[1])) < MOST:
             gmsh.write(str(out))
-    except Exception as error:  # a geometry that gmsh does not mesh is none of ours
+    except Exception as error:  # gmsh cannot mesh this geometry: skip it
         print(f"{path.name}: {error}")
     finally:
         os._exit(0)

@@ -31,7 +31,7 @@ AGREE = 1e-8  # of J
 
 
 def two_blocks(cells, size, gap):
-    """A block above another one, each with nodes of its own, which match where they face."""
+    """A block above another one; their nodes on the common face match but are not shared."""
     N = len(cells)
     raw = RawMesh(dim=N)
     names = {"contact": ("below", "top"), "clamped": ("bottom", "above")}
@@ -70,7 +70,7 @@ def two_blocks(cells, size, gap):
 
 
 def random_material(random, yield_stress):
-    """Kinematic, isotropic, combined, or a table, with more or less hardening."""
+    """A random material: kinematic, isotropic or combined hardening, or a table."""
     mu = 1e3 * random.uniform(0.5, 2)
     elastic = {"lame_lambda": mu * random.choice([0.0, 1.0, 5.0, 50.0]), "lame_mu": mu}
     stiff = mu * 10 ** random.uniform(-2.5, 0)
@@ -235,7 +235,7 @@ class Cones(Work):
         }
 
     def notes(self, records):
-        """What was compared, and the complaints."""
+        """Lines about the comparison, and the complaints."""
         wrong = [str(r["number"]) for r in records if r["wrong"]]
         return [
             "Random problems of `tests/campaigns/cones.py`; `tests/conic.py` assembles each from "

@@ -6,13 +6,14 @@ and Q r_R constant on their parts with the same work, has the energy
 
     E(r)^(1/2) <= E(Q r_R)^(1/2) + C/n |r - Q r_R|,    E(r) = min {|tau|^2: div tau = r, tau n = 0},
 
-since what is left does no work on the small cells' rigid motions and C scales with the length.
-With m the largest E(Q r_R) of a discrete stress over |r_R|^2 and b that of |(1 - Q) r_R|^2,
+since r - Q r_R does no work on the rigid motions of the small cells, and C scales with the length.
+Let m be the largest E(Q r_R) over |r_R|^2, of a discrete stress, and b that of |(1 - Q) r_R|^2 over
+|r_R|^2.  Then
 
     C^2 <= m + m^1/2 C/n + max(b, 1) (C^2/n^2 + m^1/2 C/n).
 
-Tractions on one facet in the same way: those affine on small facets are carried exactly, what is
-left has no moments on them, C'^2 <= m' + C'^2/n.
+The same holds for tractions on one facet: those that are affine on small facets are represented
+exactly, the rest has no moments on them, and C'^2 <= m' + C'^2/n.
 """
 
 from itertools import combinations
@@ -25,7 +26,7 @@ from ngepc.bounds.oscillation import REFERENCE, rotations
 
 
 def cut(cell):
-    """A simplex cut into 2^N ones."""
+    """A simplex cut into 2^N simplices."""
     N = cell.shape[1]
 
     def mid(pair):
@@ -48,7 +49,7 @@ def cut(cell):
 
 
 def normal_of(places):
-    """A normal of a facet, as long as the facet is large."""
+    """The normal of a facet; its length is the measure of the facet."""
     edges = places[1:] - places[0]
     return (
         np.array([edges[0, 1], -edges[0, 0]])

@@ -25,10 +25,10 @@ KINDS = (
     "varying loads",
     "solid",
 )
-"""What is drawn: problems as of ``build``, with what the name adds; solids are cubes."""
+"""Kinds of problems: those of ``build`` with one feature added; solids are cubes."""
 
 BISECTIONS = {"solid": 1}
-"""How often all elements are bisected for the reference, in the plane twice."""
+"""Number of bisections of all elements for the reference; twice in the plane."""
 
 HEAD = ("group", "problems", "complaints", "least margin", "median bound / error",
         "three quarters below")  # fmt: skip
@@ -65,7 +65,7 @@ class Crossing:
 
     @property
     def complaints(self):
-        """What is wrong, a sentence each."""
+        """The complaints, one sentence each."""
         if not self.margin > 0:
             yield f"energies cross by {-self.margin:.3g} of the bound"
         if (least := self.bound.per_cell.min() / self.bound.total) < -1e-9:
@@ -73,9 +73,9 @@ class Crossing:
 
 
 def problem_of(draw, kind):
-    """The problem of a draw with what its kind adds."""
+    """The problem of a draw with the feature of its kind."""
     rough = kind.startswith("friction")
-    if rough:  # a push that is stronger than the load, so that it mostly sticks
+    if rough:  # the pressure exceeds the load, so that most rows stick
         push = max(draw.gap_size, 2.0)
         draw = replace(
             draw, gap="pushed", gap_size=push, load=min(draw.load, 0.2 * push)
@@ -187,7 +187,7 @@ class Crossings(Work):
         return [dict(zip(HEAD, row, strict=True)) for row in rows]
 
     def notes(self, records):
-        """What was drawn, and the complaints."""
+        """Lines about the random problems, and the complaints."""
         wrong = [
             (f"{r['kind']} {r['number']}", r["complaints"])
             for r in records

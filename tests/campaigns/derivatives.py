@@ -49,7 +49,7 @@ class Comparison(NamedTuple):
 
 
 def compared(problem, solve=once, every=slice(None)):
-    """Gradients of all functionals by ``every`` parameter in ``sizes``, beside differences."""
+    """Gradients of all functionals by the parameters in ``sizes``, compared with differences."""
     result, amounts, found = solve(problem), sizes(problem), []
     chosen = functionals(problem)
     gradients = {
@@ -73,7 +73,7 @@ def compared(problem, solve=once, every=slice(None)):
 
 
 def same_sides(one, other):
-    """Whether in all steps the same points yield, the same rows press and the same ones slip."""
+    """Whether the same points yield and the same rows touch and slip in all steps."""
     pairs = zip(states_of(one), states_of(other), strict=True)
     return all(
         all(
@@ -88,7 +88,7 @@ def same_sides(one, other):
 def taylor_slopes(problem, seed):
     """The order of the remainders F(m + t dm) - F(m) - t F' dm in a random direction.
 
-    The lengths t are as short as it takes for no row or point to change side.
+    The lengths t are so small that no row or point changes its status.
     """
     result, amounts, random = once(problem), sizes(problem), np.random.default_rng(seed)
     rates = {name: amount * random.uniform(-1, 1) for name, amount in amounts.items()}
@@ -113,7 +113,7 @@ def taylor_slopes(problem, seed):
 def envelope_error(problem):
     """The largest difference of dJ/dm and the explicit partial derivative, relative.
 
-    None where J is not what is minimised: with slip bounds that are part of the pressure.
+    None if rows slip with Coulomb friction, as the solution does not minimise J then.
     """
     result, names = once(problem), list(sizes(problem))
     state, energy = result.state, as_functional("primal_energy")

@@ -1,8 +1,8 @@
-"""Random elastic blocks with friction: every equilibrium by enumeration, beside what solvers say.
+"""Random elastic blocks with friction: all equilibria by enumeration, compared with the solvers.
 
-Nothing here is taken from the package but ``Problem``: stiffness and loads are assembled by forms
-of NGSolve, rows are the vertices of the top with its normal (0, 1), and each closed set of rows
-with each choice of sticking and slipping ones is solved by itself.
+Only ``Problem`` is taken from the package: stiffness and loads are assembled by forms of NGSolve,
+the rows are the vertices of the top with the normal (0, 1), and each set of closed rows with each
+choice of sticking and slipping rows is solved separately.
 """
 
 from dataclasses import dataclass, replace
@@ -29,8 +29,8 @@ from ngepc import Coulomb, Material, Problem, Status, semismooth_newton
 from ngepc.geometries import block
 from ngepc.studies.work import Work
 
-LOOSE = 1e-9  # part of the largest force by which an equilibrium may miss a condition
-DIFFERENT = 1e-6  # of the energy norm: two equilibria
+LOOSE = 1e-9  # tolerance of the conditions, relative to the largest force
+DIFFERENT = 1e-6  # relative distance in the energy norm of two different equilibria
 CLOSE = 1e-6  # of the largest force: forces of a solver and of the enumeration
 
 LAWS = ("Coulomb", "Coulomb with a limit", "Tresca")
@@ -70,7 +70,7 @@ def random_problem(seed, law):
 
 
 class Block:
-    """Compliance, free gaps and bounds of the rows of a problem, assembled for this purpose."""
+    """Compliance, free gaps and friction bounds of the rows, assembled independently."""
 
     def __init__(self, problem):
         mesh = problem.mesh
@@ -124,7 +124,7 @@ class Block:
         return self.limit if np.isinf(self.mu) else np.minimum(self.mu * n, self.limit)
 
     def excess(self, forces):
-        """By how much forces miss the law, relative to the largest force."""
+        """Largest violation of the law by forces, relative to the largest force."""
         n, t = np.split(forces, 2)
         open_gap, back = np.split(self.gaps + self.S @ forces, 2)
         soft = self.S.diagonal()
@@ -136,7 +136,7 @@ class Block:
         return max(pressing.max(), rubbing.max()) / size if size > 0 else 0.0
 
     def equilibria(self):
-        """All forces that meet the law, each once."""
+        """All forces that satisfy the law, without duplicates."""
         found = []
         for closed in product((False, True), repeat=self.m):
             rows = np.flatnonzero(closed)
@@ -151,7 +151,7 @@ class Block:
         return found
 
     def solved(self, rows, states):
-        """The forces that close some rows, in these states, None if there is no one solution."""
+        """The forces for given states of the rows; None unless there is exactly one solution."""
         m = self.m
         sticks = rows[[state == "stick" for state in states]]
         unknown = np.append(rows, m + sticks)
@@ -181,7 +181,7 @@ class Block:
 
 
 def judged(problem):
-    """What is wrong with the solver's answers to a problem, and how many equilibria there are."""
+    """The complaints about the solvers' results, and the number of equilibria."""
     body = Block(problem)
     convex = np.isinf(body.mu)
     found = [] if convex else body.equilibria()

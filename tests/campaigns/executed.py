@@ -1,4 +1,4 @@
-"""Which tests execute a line of the package, and what each of them costs.
+"""The tests that execute each line of the package, and the time of each test.
 
 A map is a folder with files of three kinds: ``cov.NAME`` of coverage with contexts, ``NAME.log`` of
 pytest, and ``NAME.spent`` with the seconds of each test, as
@@ -19,7 +19,7 @@ from functools import cached_property
 from coverage import CoverageData
 
 APART = ("site", "house", "campaigns")
-"""Tests of pages, of the looks of the code, and of this tool."""
+"""Tests of pages, of the style of the code, and of this tool."""
 
 FAILED = re.compile(r"^(?:FAILED|ERROR) (tests/\S+)")
 
@@ -75,13 +75,13 @@ class Executed:
 
     @cached_property
     def failed(self):
-        """Tests that fail without any mutation: they judge nothing."""
+        """Tests that fail without any mutation; they are not used."""
         texts = [path.read_text(errors="replace") for path in self.folder.glob("*.log")]
         lines = [line for text in texts for line in text.splitlines()]
         return {match[1] for line in lines if (match := FAILED.match(line))}
 
     def lines(self, module):
-        """Line -> the tests that execute it; of those that run at import, no test."""
+        """Line -> the tests that execute it; no test for lines that run at import."""
         if module not in self._lines:
             found = defaultdict(set)
             for data in self._data:
@@ -92,7 +92,7 @@ class Executed:
         return self._lines[module]
 
     def at_import(self, module, first, last):
-        """Whether one of the lines runs while modules are imported: values are made of it then."""
+        """Whether one of the lines runs while modules are imported."""
         wanted = set(range(first, last + 1))
         return any(
             line in wanted and "" in contexts

@@ -1,4 +1,4 @@
-"""Files that others have written: what comes in, what is refused, and whether it can be solved."""
+"""Mesh files of other programs: read, refused by name, and solved."""
 
 import warnings
 from collections import Counter
@@ -16,7 +16,7 @@ from ngepc.model.problem import Problem
 from ngepc.studies.work import Work
 
 TEXTS = {".md", ".sh", ".py", ""}
-"""Endings of files in the beds that are no meshes."""
+"""Suffixes of files in the folders that are no meshes."""
 
 ENDS = (0.02, 0.1, 0.3, 0.6)
 """Parts of the length in which facets of an end are looked for."""
@@ -26,7 +26,7 @@ PRESSED = 0.01  # part of the length by which the obstacle pushes in
 
 
 def read(path):
-    """What a file says, or the sentence that refuses it."""
+    """The contents of a file, or the message that refuses it."""
     try:
         deck = path.suffix.lower() == ".inp"
         return imported._deck(path) if deck else imported._by_meshio(path)
@@ -65,7 +65,7 @@ def pressed(mesh):
 
 
 def at_end(mesh, name, where):
-    """The mesh with a name for the facets of an end, in as short a part as has any."""
+    """The mesh with a name for the facets of one end, within the shortest part that has any."""
     for part in ENDS:
         try:
             return imported.name(mesh, name, where(part))
@@ -111,7 +111,7 @@ class Foreign(Work):
         return kind | found
 
     def judged(self, path):
-        """What becomes of one file."""
+        """The record of one file."""
         source = read(path)
         if isinstance(source, str):
             return {"outcome": "unread", "sentence": source}

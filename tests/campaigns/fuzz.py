@@ -5,10 +5,10 @@
 - an exception, or a result without a finite state,
 - a run that says CONVERGED although the forces, assembled independently (witness.py), do not
   balance to the tolerance,
-- energies out of order: -J* must be no more, J of the default method's state no less than the
-  minimum that the primal one finds.
+- energies in the wrong order: -J* must not exceed the minimum that the primal method finds, and J
+  of the default method's state must not be below it.
 
-Runs that end in another status are honest but counted.
+Runs that end with another status are counted, but they are no complaints.
 """
 
 import math
@@ -48,10 +48,9 @@ EMPTY = {
 def examine(draw):
     """Solve a random problem by both methods and judge the results; never raises.
 
-    ``complaints`` are a sentence each, none when all is well; ``statuses`` and ``iterations`` are
-    those of the primal method and the default one; ``plastic`` and ``contact`` the parts of the
-    body that yield and of Gamma_c in contact; ``gap`` what the energies leave between the
-    solutions, relative.
+    ``complaints`` are sentences, none if nothing is wrong.  ``statuses`` and ``iterations`` belong
+    to the primal and the default method.  ``plastic`` and ``contact`` are the fractions of the body
+    that yields and of Gamma_c in contact.  ``gap`` is the relative difference of the energies.
     """
     try:
         problem = build(draw)
@@ -60,9 +59,7 @@ def examine(draw):
             "draw": asdict(draw),
             **judged(primal, semismooth_newton(problem).or_interrupted()),
         }
-    except (
-        Exception
-    ) as error:  # any exception at all is a complaint: that is what is looked for
+    except Exception as error:  # any exception is a complaint
         return EMPTY | {
             "draw": asdict(draw),
             "complaints": (f"{type(error).__name__}: {error}",),
@@ -70,7 +67,7 @@ def examine(draw):
 
 
 def judged(primal, default):
-    """What ``examine`` says about two results for one problem."""
+    """The verdict of ``examine`` on two results for one problem."""
     problem, last = primal.problem, primal.history.records[-1]
     gap, out_of_order = _energies(primal, default)
     runs = (primal, default)
@@ -87,7 +84,7 @@ def judged(primal, default):
 
 
 def _false_statuses(primal, default):
-    """Runs that say converged without being so, and states that are not finite."""
+    """Complaints about runs that report convergence wrongly, and about infinite states."""
     for name, result in {"primal": primal, "default": default}.items():
         residual = balance_residual(result)
         if result.status is Status.CONVERGED and not residual < RESIDUAL:
@@ -97,7 +94,7 @@ def _false_statuses(primal, default):
 
 
 def _energies(primal, default):
-    """What the energies leave between the solutions, relative, and what is out of order."""
+    """The relative difference of the energies, and complaints about their order."""
     distance, above = feasible_bound(primal, default)
     least = energy(primal.problem, primal.displacement, primal.plastic_increment)
     scale = abs(least) + abs(default.dual_energy) + 1e-300

@@ -1,4 +1,4 @@
-"""Loads and obstacles that rules miss: energies beside the lower bounds that are claimed.
+"""Loads and obstacles that quadrature misses: energies compared with the lower bounds.
 
 Strips, spots, steps, wedges and spikes down to a fiftieth of a cell in the plane and a tenth in
 space, given as functions of position.  For reference the same problem is solved on a mesh that is
@@ -25,7 +25,8 @@ CELL = {2: (0.25, 0.6), 3: (0.5, 0.9)}
 """Mesh widths that are drawn."""
 WORST = 1e-9
 ROUNDING = 1e-14
-"""Parts of the energies, and of what they are differences of, by which bounds may cross."""
+"""Tolerance of the comparison, relative to the energies and to the terms they are differences
+of."""
 HEAD = ("group", "problems", "refused", "complaints", "least margin",
         "median bound / error")  # fmt: skip
 
@@ -66,7 +67,8 @@ class Drawn:
         return f"{self.place}, {'space' if self.feature.N == 3 else 'plane'}"
 
     def problem(self) -> Problem:
-        """The problem on a mesh that knows nothing of the feature, given as a function."""
+        """The problem with the feature given as a function, on a mesh that is not aligned with
+        it."""
         mesh = block.mesh(self.maxh, SIDES[: self.feature.N])
         return self._on(mesh, self.feature.value, self.order)
 
@@ -196,7 +198,7 @@ class Hidden(Work):
 
 
 def judged(bound, proof):
-    """The margins of a bound beside that on an aligned mesh, and what is wrong."""
+    """The margins of a bound compared with that on an aligned mesh, and the complaints."""
     scale = bound.total if bound.total > 0 else 1.0
     above = proof.energy - bound.least_energy
     below = bound.energy - proof.least_energy

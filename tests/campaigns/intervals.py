@@ -1,8 +1,8 @@
 """Intervals of goals of random problems, and verdicts on limits beside fine values.
 
-Verdicts of many limits share one run of meshes: a verdict is that of the first mesh whose interval
-leaves the limit out.  Beside them is what is often done: halve the mesh width until a number
-changes by less than one percent, and compare with the limit.
+Verdicts on many limits share one run of meshes: a verdict is that of the first mesh whose interval
+does not contain the limit.  For comparison, the usual practice: halve the mesh width until the
+number changes by less than one percent, and compare it with the limit.
 """
 
 import math
@@ -31,7 +31,7 @@ KINDS = ("order 1", "order 2")
 FINER = 2
 """How often cells are bisected for the fine value, which has order two."""
 ROUNDED = 1e-6
-"""Part of the fine value by which an interval may miss it: Newton's method stops somewhere."""
+"""Tolerance relative to the fine value, as Newton's method stops at its tolerance."""
 HEAD = ("group", "problems", "refused", "intervals", "misses", "proved",
         "median percent", "a quarter above")  # fmt: skip
 VERDICTS = ("group", "problems", "verdicts", "wrong", "undecided", "median nodes",

@@ -1,7 +1,7 @@
-"""Faults put into the package on purpose, and the tests that notice them.
+"""Mutation testing: faults put into the package, and the tests that notice them.
 
-A cell is one mutation of one line (``campaigns.mutations``), drawn at random, with so many in
-each room.  Tests that execute the line run on a copy of the project with that fault
+A cell is one mutation of one line (``campaigns.mutations``), drawn at random, with a given number
+in each room.  Tests that execute the line run on a copy of the project with that fault
 (``campaigns.executed``, ``campaigns.referee``): one that fails kills it, and so does a process that
 crashes, or that does not end in time.  A line that no test executes leaves a survivor.
 

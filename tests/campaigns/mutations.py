@@ -1,11 +1,11 @@
-"""Small faults that can be put into a Python file, one at a time.
+"""Mutations: small faults in a Python file, one at a time.
 
-``mutations(text)`` lists them: another operator, another number, another comparison, a dropped
-term or factor, a condition turned round, a check or a statement removed.  ``mutation.apply(text)``
-is the file with the fault; nothing else in it changes, no line moves.  Left alone is what no number
-depends on: docstrings, annotations, decorators, texts and messages, ``__repr__``, what is raised,
-printed or reported, blocks for type checkers, the looks of pictures, and decimal numbers below
-1e-4 or above 1e6, which are tolerances.
+``mutations(text)`` lists them: another operator, another number, another comparison, a dropped term
+or factor, a condition turned round, a check or a statement removed.  ``mutation.apply(text)`` is
+the file with the fault; nothing else in it changes, no line moves.  Code that no number depends on
+is not changed: docstrings, annotations, decorators, texts and messages, ``__repr__``, raised
+errors, printed and reported values, blocks for type checkers, styles of pictures, and decimal
+numbers below 1e-4 or above 1e6, which are tolerances.
 """
 
 import ast

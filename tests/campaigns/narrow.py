@@ -1,7 +1,7 @@
 """Narrow features of loads and obstacles, and meshes that are aligned with them.
 
-On an aligned mesh a feature is a polynomial on each element, so that what the package says about
-the problem there rests on no sample.
+On an aligned mesh a feature is a polynomial on each element, so that bounds there do not depend on
+samples.
 """
 
 import math
@@ -39,7 +39,7 @@ GROWTH = 1.0
 
 @dataclass(frozen=True)
 class Feature:
-    """What is not zero within a width only, except for a step.
+    """A function that is nonzero within a small width only, or a step.
 
     Parameters
     ----------

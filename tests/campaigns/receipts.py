@@ -1,8 +1,8 @@
 """Receipts of random problems, changed in one number: none that claims too much may pass.
 
-A judge that knows nothing of the checker says whether a change falsifies a claim: it looks at
-supports, gap, signs, symmetry and equilibrium, and has both energies by a rule of degree 20 in
-place of bounds.
+A judge that is independent of the checker decides whether a change falsifies the claim: it checks
+supports, gap, signs, symmetry and equilibrium, and computes both energies by a rule of degree 20
+instead of bounds.
 """
 
 import json
@@ -57,7 +57,7 @@ def rule(N, degree=20):
 
 
 class Judge:
-    """The claims of a receipt, looked at without bounds."""
+    """The claims of a receipt, checked by quadrature instead of bounds."""
 
     def __init__(self, arrays, header):
         self.a = arrays
@@ -75,7 +75,7 @@ class Judge:
 
     @property
     def falsified(self):
-        """Whether the file claims more than it shows."""
+        """Whether the file claims more than it proves."""
         return self._inadmissible() or self._energies_are_wrong()
 
     def _sides(self):
@@ -231,7 +231,7 @@ class Judge:
 
 
 def falsifies(arrays, header):
-    """Whether a receipt claims more than it shows; a mesh that is none shows nothing."""
+    """Whether a receipt claims more than it proves; an invalid mesh proves nothing."""
     try:
         return Judge(arrays, header).falsified
     except (np.linalg.LinAlgError, IndexError, ZeroDivisionError):

@@ -1,4 +1,4 @@
-"""How far the methods go: one datum at a time to its extremes, iterations and status.
+"""Robustness: one datum at a time is moved to its extremes; iterations and status.
 
 The body is the unit square, fixed below, sheared at its sides until it yields and pressed against
 an obstacle above.  Every cell of the table is a run from a cold start that ends in a named status.
@@ -39,7 +39,7 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Case:
-    """One row of the table: a datum that leaves its usual value.
+    """One row of the table: a datum with an unusual value.
 
     ``hardening`` is h over lame_mu; ``gamma`` that of the coupled method and of the last step of
     the path; ``aspect`` the longest over the shortest side of the elements; ``contact`` one of

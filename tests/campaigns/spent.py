@@ -1,4 +1,4 @@
-"""A plugin of pytest that writes what each test costs: seconds of a processor, not of a clock.
+"""A plugin of pytest that writes the processor time of each test.
 
 With ``-p campaigns.spent`` and the file's name in the variable SPENT it appends lines such as
 ``1.25 tests/local/test_forms.py::test_a``; fixtures belong to the first test that needs them, and
