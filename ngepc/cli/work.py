@@ -45,9 +45,20 @@ from ngepc.studies.limit_problems import GROWING, LIMITS
 from ngepc.studies.work import Work
 
 FINGERPRINT = {"kind": "run of ngepc solve", "version": 4}
-NUMBERS = ("status", "iterations", "residual_norm", "dual_energy", "primal_energy", "error_bound",
-           "guaranteed", "contact_force", "displacement_l2", "plastic_strain_l2",
-           "wall_time_s")  # fmt: skip
+NUMBERS = {
+    "status": "status",
+    "iterations": "Newton steps",
+    "residual_norm": "residual",
+    "primal_energy": "energy J",
+    "dual_energy": "dual energy J*",
+    "error_bound": "bound of the relative energy error",
+    "guaranteed": "the bound is guaranteed",
+    "contact_force": "contact force",
+    "displacement_l2": "displacement, L2 norm",
+    "plastic_strain_l2": "plastic strain, L2 norm",
+    "wall_time_s": "time (s)",
+}
+"""Fields of a record -> words for them in a report."""
 PROVENANCE = ("command", "version", "ngsolve", "numpy", "python")
 OF_PATHS = ("message", "outer_iterations", "inner_iterations", "total_inner_iterations",
             "gammas", "gamma_end", "path_values", "residual_norms")  # fmt: skip
@@ -351,7 +362,8 @@ def report(args: argparse.Namespace) -> int:
         result, THRESHOLDS[record["problem"]]
     ).values()
     numbers = [
-        {"quantity": key.replace("_", " "), "value": record[key]} for key in NUMBERS
+        {"quantity": words, "value": _spelt(record[key])}
+        for key, words in NUMBERS.items()
     ]
     page = write_report(
         args.out or args.run_file.with_suffix(".html"),
@@ -364,6 +376,11 @@ def report(args: argparse.Namespace) -> int:
     )
     name_written([page])
     return 0
+
+
+def _spelt(value: object) -> object:
+    """A number, or a text; yes or no in place of a flag."""
+    return ("no", "yes")[value] if isinstance(value, bool) else value
 
 
 def check_file(args: argparse.Namespace) -> int:

@@ -244,18 +244,20 @@ def _inline(text: str) -> str:
 def html_table(rows: Sequence[Mapping[str, object]]) -> str:
     """A table whose columns are the keys in order of appearance, numbers with four digits."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
+    kinds = {}
     lines = [""]
     for column in columns:
-        words = all(isinstance(row.get(column), str) for row in rows)
-        kind = ' class="text"' if words else ""
-        lines[0] += f"<th{kind}>{html.escape(str(column))}</th>"
+        entries = [row[column] for row in rows if row.get(column) is not None]
+        words = all(isinstance(entry, str) for entry in entries)
+        kinds[column] = ' class="text"' if words else ""
+        lines[0] += f"<th{kinds[column]}>{html.escape(str(column))}</th>"
     for row in rows:
         cells = []
-        for value in map(row.get, columns):
+        for column in columns:
+            value = row.get(column)
             shown = number(value, digits=4) if isinstance(value, float) else value
-            kind = ' class="text"' if isinstance(value, str) else ""
             cells.append(
-                f"<td{kind}>{'' if shown is None else html.escape(str(shown))}</td>"
+                f"<td{kinds[column]}>{'' if shown is None else html.escape(str(shown))}</td>"
             )
         lines.append("".join(cells))
     head = f"<thead><tr>{lines[0]}</tr></thead>"

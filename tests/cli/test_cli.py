@@ -305,7 +305,7 @@ def test_a_report_on_an_unfinished_run_tells_what_its_pictures_show(
     assert "iteration_limit" not in text
     capsys.readouterr()
     whole = record_of(capsys, *arguments)["iterations"]
-    assert f'<td class="text">iterations</td><td>{whole}</td>' in text
+    assert f'<td class="text">Newton steps</td><td>{whole}</td>' in text
     assert (
         record_of(capsys, *arguments, "--start", str(saved))["iterations"] <= whole - 2
     )
