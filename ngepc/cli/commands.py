@@ -78,9 +78,20 @@ OPTIONS = {
         "zero",
     ),
     "body": (
-        ("cut", "strip", "square", "sheet", "punch", "rough-punch"),
+        (
+            "cut",
+            "strip",
+            "square",
+            "sheet",
+            "punch",
+            "rough-punch",
+            "bree",
+            "bree-hot",
+            "hole",
+            "hole-both",
+        ),
         "a vertical cut, ground under a strip, a square, a sheet with a hole, a block of clay"
-        " under a punch",
+        " under a punch; loads that vary (shakedown): Bree's plate, a plate with a hole",
     ),
     "--width X": (
         positive,
@@ -166,6 +177,7 @@ ngepc solve lshape --error 1e-2                  refine until the error is at mo
 ngepc solve lshape --goal contact_force          refine until the force is known to 1 percent
 ngepc solve lshape --save run.npz                save the run, for a report or as a start
 ngepc limit cut --width 0.005 --figures out      bounds of the load at which a cut collapses
+ngepc limit hole-both --width 0.01               factor of loads that vary (shakedown)
 ngepc check receipt.npz                          check the proof that the file contains
 ngepc report run.npz                             an HTML report with an interactive view
 ngepc path wrench --nodes 1641                        as in Table 3
@@ -218,7 +230,7 @@ COMMANDS = {
         "check the proof of an energy interval in a receipt", ("receipt",), "check_file"
     ),
     "limit": Command(
-        "guaranteed lower and upper bounds of a limit load",
+        "lower and upper bounds of a limit load, or of loads that vary (shakedown)",
         ("body", "--width X", "--max-cells N", "--json FILE", "--figures DIR"),
     ),
     "lab": Command(

@@ -26,6 +26,7 @@ from ngepc.dual.result import DualResult
 from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import Coupled
 from ngepc.limit.load import LimitRecord, limit_load
+from ngepc.limit.shakedown import shakedown_load
 from ngepc.model.problem import Problem
 from ngepc.pictures import live
 from ngepc.pictures.collapse import plot_bracket, plot_mechanism
@@ -42,6 +43,7 @@ from ngepc.results.stored import array_of, reading, stored_record
 from ngepc.studies.examples import THRESHOLDS, TITLES, coarse_start, example, solved_by
 from ngepc.studies.large import indented_block
 from ngepc.studies.limit_problems import GROWING, LIMITS
+from ngepc.studies.shakedown_problems import SHAKEDOWNS
 from ngepc.studies.work import Work
 
 FINGERPRINT = {"kind": "run of ngepc solve", "version": 4}
@@ -203,7 +205,7 @@ def _start(
 
 
 def limit(args: argparse.Namespace) -> int:
-    """``ngepc limit``: the limit load of a problem, between guaranteed bounds."""
+    """``ngepc limit``: bounds of the limit load of a problem, or of loads that vary."""
     check_targets(args.json)
     if args.figures is not None:
         check_folder(args.figures)
@@ -216,20 +218,24 @@ def limit(args: argparse.Namespace) -> int:
         bounds = " to ".join(outward(mesh.lower, mesh.upper))
         report(f"{mesh.cells:6d} elements: {bounds}, {width}")
 
-    found = limit_load(
-        LIMITS[args.body](),
-        args.width,
-        GROWING.get(args.body),
-        max_cells=args.max_cells,
-        monitor=note,
-    )
+    options = {"max_cells": args.max_cells, "monitor": note}
+    if args.body in SHAKEDOWNS:
+        varying = SHAKEDOWNS[args.body]
+        found = shakedown_load(
+            varying.problem(), varying.vertices, args.width, **options
+        )
+        loads = {"vertices": list(found.vertices), "guaranteed": found.exact}
+    else:
+        growing = GROWING.get(args.body)
+        found = limit_load(LIMITS[args.body](), args.width, growing, **options)
+        loads = {"growing": list(found.growing)}
     record = {
         "problem": args.body,
         "status": found.status.label,
         "lower": found.lower,
         "upper": found.upper,
         "relative_width": found.relative_width,
-        "growing": list(found.growing),
+        **loads,
         "meshes": [vars(mesh) for mesh in found.records],
         "wall_time_s": time.perf_counter() - begin,
         **records.provenance(),

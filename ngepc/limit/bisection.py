@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ngepc.bounds.simplices import FACETS, Simplices
-from ngepc.limit.data import GROWS, LimitData
+from ngepc.limit.data import GROWS, STAYS, LimitData
 
 STRAIGHT = math.pi + 1e-6
 """Boundary points with a larger interior angle are re-entrant corners."""
@@ -85,6 +85,7 @@ def singular_points(data: LimitData) -> np.ndarray:
             data.contact[outer, None, None] * np.ones((1, 2, 1)),
             data.friction[outer, :, None],
             data.traction[GROWS][outer],
+            data.traction[STAYS][outer],
             data.motion[outer],
         ],
         axis=2,

@@ -30,6 +30,13 @@ LAST_DEGREE = 3
 """Degree of the velocities of the last mesh: three times the unknowns, about half the width."""
 
 
+EXCESS = 3.0
+"""Price of the strength of a cell over its dissipation from which on it holds the bound down."""
+
+TINY = 1e-300
+"""Smallest number that is divided by."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeshBracket:
     """The result of one mesh.
@@ -41,8 +48,8 @@ class MeshBracket:
     stress, mechanism
         Stress and mechanism of the bounds; None if the solver found none.
     marks
-        Indicators for refinement, one for each cell: the gaps of the mechanism of degree
-        ``DEGREE``.
+        Indicators for refinement, one for each cell: the gaps of the first mechanism of the mesh,
+        and where the lower bound is held down.
     unlimited
         Whether the body carries any load factor.
     unknowns, steps, words
@@ -163,12 +170,16 @@ class Found:
         A stress or a mechanism; None if the solver found none.
     unknowns, steps, word
         Numbers of unknowns and of interior point steps, and the final status of the solver.
+    price
+        Of a lower bound: the strength of each cell times its multiplier, (nc,).  It is what the
+        solver's own mechanism dissipates.
     """
 
     field: AdmissibleStress | Mechanism | None
     unknowns: int
     steps: int
     word: str
+    price: np.ndarray | None = None
 
 
 def lower_on(statics: Statics, centre: np.ndarray | None, precision: float) -> Found:
@@ -182,7 +193,8 @@ def lower_on(statics: Statics, centre: np.ndarray | None, precision: float) -> F
     if np.isfinite(found.x).all() and found.status not in UNBOUNDED:
         x = statics.admissible(found.x, centre)
         stress = None if x is None else statics.stress(x)
-    return Found(stress, count, found.steps, found.status)
+    price = statics.price(found.multipliers[0])
+    return Found(stress, count, found.steps, found.status, price)
 
 
 def upper_on(
@@ -198,17 +210,42 @@ def upper_on(
     return Found(mechanism, len(program.cost), found.steps, found.status)
 
 
+def locked(data: LimitData, below: Found, above: Found) -> np.ndarray:
+    """Indicators of cells that hold the lower bound down where the mechanism does not flow.
+
+    Gaps do not see them: there is no dissipation.  What the price of their strength exceeds
+    ``EXCESS`` times the dissipation by counts as much as the bracket is wide.
+    """
+    if below.field is None or above.field is None:
+        return np.zeros(len(data.bound))
+    lower = below.field.factor
+    width = (above.field.factor - lower) / max(abs(lower), TINY)
+    flows = EXCESS * dissipation_of(data, above.field)
+    excess = np.maximum(below.price - flows, 0.0)
+    return min(width, 1.0) * excess
+
+
+def dissipation_of(data: LimitData, mechanism: Mechanism) -> np.ndarray:
+    """The dissipation of each cell and of its half of the slips on its facets."""
+    cells = data.cells
+    sides = np.where(cells.outer, 1, 2)
+    shares = (mechanism.slipped / sides)[cells.facet_of]
+    return mechanism.dissipated + shares.sum(axis=1)
+
+
 def bracket_on(
     data: LimitData,
     shape: YieldShape,
     centre: np.ndarray | None,
     precision: float = 1e-8,
     within: float = 0.0,
+    is_last: bool = False,
 ) -> tuple[MeshBracket, np.ndarray | None]:
     """Both bounds on a mesh, and the admissible stress that the lower bound starts from.
 
     ``precision`` is the relative tolerance of the solver.  In the plane, velocities of degree
-    ``LAST_DEGREE`` are used for the upper bound once the relative width is at most ``within``.
+    ``LAST_DEGREE`` are used for the upper bound once the relative width is at most ``within``; on
+    a mesh that is expected to be the last one, from the start.
     """
     statics = Statics(data, shape)
     if centre is None:
@@ -216,13 +253,15 @@ def bracket_on(
     below = lower_on(statics, centre, precision)
     flat = data.cells.N == 2
     velocities = (
-        ContinuousVelocities(data, shape, DEGREE)
+        ContinuousVelocities(data, shape, LAST_DEGREE if is_last else DEGREE)
         if flat
         else SlidingVelocities(data, shape)
     )
     above = upper_on(velocities, precision)
     marks = gaps_of(data, shape, below.field, above.field)
-    if flat and below.field is not None and above.field is not None:
+    marks = marks + locked(data, below, above)
+    both = below.field is not None and above.field is not None
+    if flat and both and not is_last:
         width = above.field.factor - below.field.factor
         if width <= within * abs(below.field.factor):
             finest = ContinuousVelocities(data, shape, LAST_DEGREE)

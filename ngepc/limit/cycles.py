@@ -20,7 +20,14 @@ import numpy as np
 from scipy.sparse import csr_matrix, eye, hstack, kron, vstack
 
 from ngepc.limit.bernstein import bernstein_values, times_hats
-from ngepc.limit.bracket import UNBOUNDED, MeshBracket, centre_of, lower_on, upper_on
+from ngepc.limit.bracket import (
+    UNBOUNDED,
+    MeshBracket,
+    centre_of,
+    locked,
+    lower_on,
+    upper_on,
+)
 from ngepc.limit.continuous import ContinuousVelocities, dissipation, sampling
 from ngepc.limit.data import STAYS, LimitData
 from ngepc.limit.enclosed import Enclosed
@@ -268,7 +275,7 @@ def cycle_gaps(
 
 @dataclass(frozen=True, eq=False)
 class CycleBracket(MeshBracket):
-    """The result of one mesh for loads that vary; its gaps are its marks."""
+    """The result of one mesh for loads that vary; its gaps are taken for its marks."""
 
     @property
     def gaps(self) -> np.ndarray:
@@ -294,7 +301,7 @@ def cycle_bracket_on(
         shape,
         below.field,
         above.field,
-        cycle_gaps(statics, below.field, above.field),
+        cycle_gaps(statics, below.field, above.field) + locked(data, below, above),
         below.word in UNBOUNDED,
         (below.unknowns, above.unknowns),
         (below.steps, above.steps),

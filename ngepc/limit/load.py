@@ -321,6 +321,7 @@ class Search:
         self.upper = math.inf
         self.records: list[LimitRecord] = []
         self.centre: np.ndarray | None = None
+        self.is_last = False
 
     def run(
         self,
@@ -351,7 +352,9 @@ class Search:
     def solved(self, precision: float) -> tuple[MeshBracket, np.ndarray | None]:
         """Both bounds on the mesh, and the admissible stress that the lower bound starts from."""
         within = FINISHED * self.tolerance
-        return bracket_on(self.data, self.shape, self.centre, precision, within)
+        return bracket_on(
+            self.data, self.shape, self.centre, precision, within, self.is_last
+        )
 
     def singular(self) -> np.ndarray:
         """Boundary vertices, as booleans, around which stresses jump."""
@@ -384,6 +387,7 @@ class Search:
         if math.isfinite(width):
             aim = AIM * self.tolerance * (FINISHED if cells.N == 2 else 1.0)
             share = (1 - aim / width) / EXPECTED
+            self.is_last = cells.N == 2 and share <= ENOUGH
             share = MARKING if share > ENOUGH else max(LEAST, share)
         chosen = marked(last.marks, share)
         if cells.N == 2:

@@ -303,7 +303,11 @@ def checked_vertices(
                 )
     if not any(factor != 0 for corner in vertices for factor in corner.values()):
         raise ValueError(f"vertices={vertices!r}: a load with a factor is needed")
-    return tuple(dict(corner) for corner in vertices)
+    distinct: list[Mapping[str, float]] = []
+    for corner in vertices:
+        if corner not in distinct:
+            distinct.append(dict(corner))
+    return tuple(distinct)
 
 
 def names_of_loads(problem: Problem) -> tuple[str, ...]:

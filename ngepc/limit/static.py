@@ -188,6 +188,19 @@ class Statics:
         values = (self.drag @ x).reshape(self.drag_offset.shape) + self.drag_offset
         return np.linalg.norm(values[:, 1:], axis=1)
 
+    def price(self, multipliers: np.ndarray) -> np.ndarray:
+        """The strength of each cell times the multipliers of its yield condition, (nc,)."""
+        first = multipliers.reshape(-1, self.shape.capped + 1)[:, 0]
+        each = (first * self.strengths()).reshape(
+            -1, len(self.data.bound), self.corners
+        )
+        return each.sum(axis=(0, 2))
+
+    @property
+    def corners(self) -> int:
+        """Vertices of a cell."""
+        return self.data.cells.N + 1
+
     def program(self, gain: np.ndarray) -> ConeProgram:
         """The conic program of the largest gain."""
         strengths = self.strengths()

@@ -51,11 +51,14 @@ class ConeSolution:
         The status that the solver reports: 'Solved', 'PrimalInfeasible', ...
     steps
         Steps of the interior point method.
+    multipliers
+        Those of the conditions of each entry of ``ConeProgram.cones``, of the shape of its offset.
     """
 
     x: np.ndarray
     status: str
     steps: int
+    multipliers: list[np.ndarray]
 
     @property
     def is_success(self) -> bool:
@@ -113,4 +116,7 @@ def cone_solution(
         settings,
     )
     found = solver.solve()
-    return ConeSolution(np.array(found.x), str(found.status), found.iterations)
+    ends = np.cumsum([len(offset) for _, offset in parts])
+    multipliers = np.split(np.array(found.z), ends[:-1])[2:]
+    x = np.array(found.x)
+    return ConeSolution(x, str(found.status), found.iterations, multipliers)

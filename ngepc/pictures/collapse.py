@@ -14,10 +14,14 @@ from ngepc.bounds.simplices import FACETS
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import outward
+from ngepc.limit.bracket import dissipation_of
 from ngepc.limit.fields import corner_values
 from ngepc.limit.load import LimitLoad
+from ngepc.limit.shakedown import ShakedownLoad
 from ngepc.pictures.stills import draw_solid, solid_image
 from ngepc.pictures.style import COLOURS, Picture, styled
+
+RESULT = "the result of limit_load or shakedown_load"
 
 MOVED = 0.05
 """Largest displacement that is drawn, over the extent of the body."""
@@ -26,23 +30,26 @@ DARKEST = 0.7
 """Fraction of the dissipation that is drawn in shades; the rest has the darkest one."""
 
 
-def require_mechanism(limit: LimitLoad) -> None:
-    """Accept a limit load with a mechanism."""
-    require_instance("limit", limit, LimitLoad, "the result of limit_load")
+def require_mechanism(limit: LimitLoad | ShakedownLoad) -> None:
+    """Accept a limit load, or that of loads that vary, with a mechanism."""
+    require_instance("limit", limit, (LimitLoad, ShakedownLoad), RESULT)
     if limit.last.mechanism is None:
         raise ValueError(f"limit has no mechanism: {limit.status.value}")
 
 
 @styled
-def plot_mechanism(limit: LimitLoad, *, axes: Axes | None = None) -> Figure:
+def plot_mechanism(
+    limit: LimitLoad | ShakedownLoad, *, axes: Axes | None = None
+) -> Figure:
     """Draw the collapse of a body: moved along the mechanism, dark where it dissipates.
 
-    In a solid, slips on the faces of elements count as dissipation of the elements.
+    In a solid, slips on the faces of elements count as dissipation of the elements.  Loads that
+    vary have the motion that a cycle adds, none where plastic strains alternate.
 
     Parameters
     ----------
     limit
-        A result of ``limit_load``.
+        A result of ``limit_load`` or ``shakedown_load``.
     axes
         Axes to draw into; by default those of a new figure.
 
@@ -68,14 +75,11 @@ def plot_mechanism(limit: LimitLoad, *, axes: Axes | None = None) -> Figure:
     return axes.figure
 
 
-def shades(limit: LimitLoad) -> tuple[np.ndarray, float]:
+def shades(limit: LimitLoad | ShakedownLoad) -> tuple[np.ndarray, float]:
     """Dissipation over strength for each element, and the value that is drawn as dark as can be."""
     data = limit.last.data
     cells = data.cells
-    mechanism = limit.last.mechanism
-    sides = np.where(cells.outer, 1, 2)
-    slipped = (mechanism.slipped / sides)[cells.facet_of].sum(axis=1)
-    dissipated = mechanism.dissipated + slipped
+    dissipated = dissipation_of(data, limit.last.mechanism)
     density = dissipated / (data.bound * cells.volume)
     order = np.argsort(density)
     share = np.cumsum(dissipated[order])
@@ -83,12 +87,14 @@ def shades(limit: LimitLoad) -> tuple[np.ndarray, float]:
     return density, float(top) or 1.0
 
 
-def moved_corners(limit: LimitLoad) -> np.ndarray:
+def moved_corners(limit: LimitLoad | ShakedownLoad) -> np.ndarray:
     """The vertices of each element after the motion that is drawn, (nc, N + 1, N)."""
     cells = limit.last.data.cells
     mechanism = limit.last.mechanism
     velocity = corner_values(mechanism.values, mechanism.degree)
     velocity = velocity * MOVED / np.linalg.norm(velocity, axis=2).max()
+    if isinstance(limit, ShakedownLoad) and limit.alternates:
+        velocity = 0.0 * velocity  # strains alternate, nothing is added in a cycle
     return limit.length * (cells.points[cells.nodes] + velocity)
 
 
@@ -124,14 +130,17 @@ def draw_plane(axes: Axes, limit: LimitLoad, density: np.ndarray, top: float) ->
 
 @styled
 def plot_bracket(
-    limit: LimitLoad, exact: float | None = None, *, axes: Axes | None = None
+    limit: LimitLoad | ShakedownLoad,
+    exact: float | None = None,
+    *,
+    axes: Axes | None = None,
 ) -> Figure:
     """The bounds over the number of unknowns, mesh by mesh.
 
     Parameters
     ----------
     limit
-        A result of ``limit_load``.
+        A result of ``limit_load`` or ``shakedown_load``.
     exact
         The limit load, if it is known.
     axes
@@ -147,7 +156,7 @@ def plot_bracket(
     TypeError
         For another object.
     """
-    require_instance("limit", limit, LimitLoad, "the result of limit_load")
+    require_instance("limit", limit, (LimitLoad, ShakedownLoad), RESULT)
     if exact is not None:
         require_number("exact", exact)
     axes = axes_or_new(axes, (4.8, 3.6))

@@ -15,6 +15,7 @@ from ngepc.results.result import Result
 from ngepc.studies import contact_problems as contact
 from ngepc.studies import limit_problems as limits
 from ngepc.studies import material_problems as materials
+from ngepc.studies import shakedown_problems as shakedowns
 from ngepc.studies import solid_problems as solids
 from ngepc.studies.solid_problems import Solved
 from ngepc.studies.work import Work, chosen
@@ -68,6 +69,9 @@ BENCHMARKS = {
     "Prandtl's strip": Benchmark(limits.strip_pressure, "2 + pi", ""),
     "SSNV124": Benchmark(limits.square_traction, "Code_Aster V6.04.124", ""),
     "sheet with a hole": Benchmark(limits.sheet_traction, "Gaydon and McCrum 1954", ""),
+    "Bree's plate, shakedown": Benchmark(
+        shakedowns.bree_shakedown, "J. Bree, 1967", ""
+    ),
     "step-42": Benchmark(contact.step42, "deal.II, documentation of step-42"),
     "NAFEMS R94": Benchmark(
         contact.r94, "Konter 2005; Code_Aster SSNP154", view=(20.0, 2000.0)

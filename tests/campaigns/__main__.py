@@ -3,7 +3,8 @@
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
 --rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
 or ``hidden --count 400``, or ``equilibria``, or ``cones``, or ``receipts``, ``intervals``,
-``verdicts``, or ``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers, or ``mutants``.
+``proximal``, ``verdicts``, or ``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers, or
+``mutants``.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from campaigns.hidden import Hidden
 from campaigns.intervals import Intervals, Verdicts
 from campaigns.limits import Limits
 from campaigns.mutants import Mutants
+from campaigns.proximal import ProximalSteps
 from campaigns.receipts import Receipts
 from campaigns.robustness import Robustness
 from ngsolve import SetNumThreads
@@ -86,6 +88,9 @@ def arguments():
     limits.set_defaults(kind=Limits, options=("count", "seed"))
     limits.add_argument("--count", type=int, default=Limits.count)
     limits.add_argument("--seed", type=int, default=Limits.seed)
+    steps = campaigns.add_parser("proximal", help="limit loads by proximal steps")
+    steps.set_defaults(kind=ProximalSteps, options=("count",))
+    steps.add_argument("--count", type=int, default=ProximalSteps.count)
     files_of_claims = campaigns.add_parser("receipts", help="receipts, changed")
     files_of_claims.set_defaults(kind=Receipts, options=("count", "each", "seed"))
     files_of_claims.add_argument("--count", type=int, default=Receipts.count)

@@ -80,6 +80,10 @@ def test_limit_loads_by_the_command_line(tmp_path, capsys):
     record = json.loads(capsys.readouterr().out)
     assert record["lower"] == pytest.approx(20 / 3**0.5, rel=1e-6)
     assert record["growing"] == ["contact"]
+    assert main(["limit", "bree-hot", "--json", "-", "--quiet"]) == 0
+    cycles = json.loads(capsys.readouterr().out)
+    assert cycles["guaranteed"]
+    assert cycles["lower"] <= 1 <= cycles["upper"]
     words = ["limit", "cut", "--max-cells", "60", "--figures", str(tmp_path)]
     assert main(words) == 1
     out, err = capsys.readouterr()

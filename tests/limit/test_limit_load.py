@@ -39,9 +39,10 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block
-from ngepc.limit.bracket import bracket_on
+from ngepc.limit.bracket import bracket_on, centre_of, lower_on
 from ngepc.limit.load import COARSEST
 from ngepc.limit.reading import growing_names, limit_data
+from ngepc.limit.static import Statics
 from ngepc.limit.yielding import SHAPES
 from ngepc.studies.limit_problems import sheet_problem
 
@@ -404,3 +405,26 @@ def test_arguments_are_checked():
         limit_load(problem, 0)
     with pytest.raises(ValueError, match="no load"):
         limit_load(square())
+
+
+@pytest.mark.parametrize("seed", [2002, 2005])
+def test_meshes_follow_what_holds_the_lower_bound_down(seed):
+    """Two random bodies whose lower bound once stood still while the mesh got finer.
+
+    In the first one a constant shear ends at a corner of one triangle; in the second one stresses
+    at a corner that no mechanism strains hold the lower bound 17 percent below the upper one.
+    """
+    body, growing = random_problem(seed)
+    found = limit_load(body, 0.03, growing, max_cells=1000)
+    assert found.status is LimitStatus.REACHED
+
+
+def test_prices_add_up_to_the_lower_bound():
+    """Strong duality: the strengths times their multipliers, without constant loads."""
+    problem = strip(pressure={"load": 1})
+    data, _ = limit_data(problem, growing_names(problem, None)).without_units()
+    shape = SHAPES["plane strain"]
+    statics = Statics(data, shape)
+    found = lower_on(statics, centre_of(statics), 1e-8)
+    assert (found.price >= 0).all()
+    assert found.price.sum() == pytest.approx(found.field.factor, rel=1e-6)

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from netgen.occ import Glue, MoveTo, OCCGeometry, X, Y
 from ngsolve import (
     CF,
     ET,
@@ -13,79 +12,32 @@ from ngsolve import (
     InnerProduct,
     IntegrationRule,
     LinearForm,
-    Mesh,
     Sym,
     VectorH1,
     dx,
     y,
 )
 
-from ngepc import LimitStatus, Material, Problem, limit_load, shakedown_load
+from ngepc import LimitStatus, Problem, limit_load, shakedown_load
 from ngepc.geometries import block
-from ngepc.geometries.published import quarter_sheet
 from ngepc.limit.cycles import largest_spread
-
-E = 200.0
-"""Young's modulus over the yield stress of a bar, which is one."""
-
-
-def steel(nu, strength=1.0):
-    mu = E / (2 * (1 + nu))
-    return Material.kinematic(
-        lame_lambda=2 * mu * nu / (1 - 2 * nu),
-        lame_mu=mu,
-        yield_stress=math.sqrt(2 / 3) * strength,
-        hardening=1.0,
-    )
+from ngepc.limit.shakedown import checked_vertices
+from ngepc.studies.shakedown_problems import (
+    YOUNG,
+    bree_problem,
+    bree_vertices,
+    holed_plate,
+    steel,
+)
 
 
 def heated(kinematics, **loads):
     """A square between two walls, warmer at the top than at the bottom."""
     mesh = block.structured_mesh(2, 2, simplices=True)
     supports = {"clamped": (None, 0), "left": (0, None), "right": (0, None)}
-    strain = {"initial_strain": 2 * (y - 0.5) / E}
+    strain = {"initial_strain": 2 * (y - 0.5) / YOUNG}
     given = {"prescribed": supports, "kinematics": kinematics}
     return Problem(mesh, steel(0.3), None, **given, **strain, **loads)
-
-
-def bree():
-    """A plate under tension that is heated on one side and cannot bend.
-
-    A strong end between guides transfers the tension, a body force, and keeps plane sections plane.
-    Without Poisson's effect and with thermal strains along the plate alone the elastic stress is
-    X + Y y, also in the end, on which a traction holds the thermal stress in balance.
-    """
-    parts = []
-    for name, left in (("plate", 0), ("end", 1)):
-        for bottom in (-1, 0):
-            part = MoveTo(left, bottom).Rectangle(1, 1).Face()
-            part.faces.name = name
-            part.edges.name = "free"
-            if name == "plate":
-                part.edges.Min(X).name = "left"
-            else:
-                part.edges.Max(X).name = "right"
-                outside = part.edges.Max(Y) if bottom == 0 else part.edges.Min(Y)
-                outside.name = "guide"
-            parts.append(part)
-    mesh = Mesh(OCCGeometry(Glue(parts), dim=2).GenerateMesh(maxh=1.0))
-    strength = mesh.MaterialCF({"plate": 1.0, "end": 100.0})
-    return Problem(
-        mesh,
-        steel(0.0, strength),
-        None,
-        kinematics="plane stress",
-        prescribed={"left": (0, None), "guide": (None, 0)},
-        traction={"right": (y, 0)},
-        body_force=mesh.MaterialCF({"end": (1, 0)}, default=(0, 0)),
-        initial_strain=CF((-y / E, 0, 0, 0, 0, 0, 0, 0, 0), dims=(3, 3)),
-    )
-
-
-def bree_vertices(tension, thermal):
-    """The tension stays in each vertex, the temperature comes and goes."""
-    hot = {"body_force": tension, "initial_strain": thermal, "right": thermal}
-    return [{"body_force": tension}, hot]
 
 
 @pytest.mark.parametrize(
@@ -93,7 +45,7 @@ def bree_vertices(tension, thermal):
 )
 def test_bree(tension, thermal):
     """Bree, J. Strain Analysis 2 (1967): X + Y / 4 <= 1 (ratchetting), Y <= 2 (alternation)."""
-    found = shakedown_load(bree(), bree_vertices(tension, thermal))
+    found = shakedown_load(bree_problem(), bree_vertices(tension, thermal))
     ratchets = 1 / (tension + thermal / 4)
     alternates = 2 / thermal
     exact = min(ratchets, alternates)
@@ -111,7 +63,7 @@ def test_residual_stresses_are_admissible():
     """In equilibrium without loads, and with alpha (X + Y y) within the yield stress, to 1e-12."""
     tension = 0.8
     thermal = 0.8
-    found = shakedown_load(bree(), bree_vertices(tension, thermal), 0.05)
+    found = shakedown_load(bree_problem(), bree_vertices(tension, thermal), 0.05)
     held = {"dirichletx": "left", "dirichlety": "guide"}
     space = VectorH1(found.mesh, order=3, **held)
     w = space.TestFunction()
@@ -184,11 +136,7 @@ def test_plate_with_a_hole():
     0.504 (Belytschko 1972, Corradi and Zavelani 1974, Gross-Weege 1997).  Both are bounded by
     alternation at the hole: 2 over the range of the elastic hoop stress there.
     """
-    mesh = quarter_sheet(5.0, 1.0, 0.35)
-    loads = {"right": (1, 0), "top": (0, 1)}
-    supports = {"bottom": (None, 0), "left": (0, None)}
-    given = {"prescribed": supports, "traction": loads, "kinematics": "plane stress"}
-    problem = Problem(mesh, steel(0.3), None, **given)
+    problem = holed_plate(0.35)
     both = shakedown_load(problem, {"right": (0, 1), "top": (0, 1)}, 0.03)
     one = shakedown_load(problem, {"right": (0, 1), "top": (0, 0)}, 0.06)
     assert not both.exact
@@ -207,6 +155,13 @@ def test_smallest_balls():
     ends = np.array([[[0.0, 0.0]], [[3.0, 4.0]], [[1.5, 2.0]]])
     assert largest_spread(ends)[0] >= 6.25 * 0.99
     assert largest_spread(ends)[0] <= 6.25 * (1 + 1e-12)
+
+
+def test_vertices_that_are_equal_count_once():
+    problem = heated("plane stress", traction={"contact": (0, 1.0)})
+    ranges = {"contact": (0, 0), "initial_strain": (0, 1)}
+    found = checked_vertices(problem, ranges)
+    assert [corner["initial_strain"] for corner in found] == [0, 1]
 
 
 def test_ranges_are_boxes():

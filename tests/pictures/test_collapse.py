@@ -46,7 +46,11 @@ def test_a_solid_goes_down_under_its_punch():
 
 
 def test_what_cannot_be_drawn_is_refused():
-    with pytest.raises(TypeError, match="limit=3: the result of limit_load"):
+    with pytest.raises(
+        TypeError, match="limit=3: the result of limit_load or shakedown_load"
+    ):
         plot_bracket(3)
-    with pytest.raises(TypeError, match="limit=3: the result of limit_load"):
+    with pytest.raises(
+        TypeError, match="limit=3: the result of limit_load or shakedown_load"
+    ):
         plot_mechanism(3)
