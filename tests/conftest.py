@@ -15,6 +15,7 @@ from netgen.meshing import SetMessageImportance
 from ngsolve import Mesh, SetNumThreads
 
 from ngepc.geometries import block, ring
+from ngepc.pictures.stills import renderer
 
 HERE = Path(__file__).parent
 
@@ -133,6 +134,14 @@ ring.shell_octant_mesh = made_once(ring.shell_octant_mesh)
 def one_thread():
     SetNumThreads(1)
     SetMessageImportance(0)
+
+
+@pytest.fixture
+def draws_solids():
+    try:
+        renderer()
+    except ImportError as error:
+        pytest.skip(str(error))
 
 
 def pytest_ignore_collect(collection_path, config):

@@ -43,8 +43,9 @@ def plot_mechanism(
 ) -> Figure:
     """Draw the collapse of a body: moved along the mechanism, dark where it dissipates.
 
-    In a solid, slips on the faces of elements count as dissipation of the elements.  Loads that
-    vary have the motion that a cycle adds, none where plastic strains alternate.
+    In a solid, slips on the faces of elements count as dissipation of the elements; its picture
+    needs pyvista, the extra ``stills``.  Loads that vary have the motion that a cycle adds, none
+    where plastic strains alternate.
 
     Parameters
     ----------
@@ -62,6 +63,8 @@ def plot_mechanism(
     ------
     TypeError, ValueError
         For another object, or a result without a mechanism.
+    ImportError
+        If pyvista is needed and not installed.
     """
     require_mechanism(limit)
     axes = axes_or_new(axes, (6.0, 4.2))

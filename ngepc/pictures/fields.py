@@ -101,6 +101,8 @@ def plot_field(
     ------
     TypeError, ValueError
         For an unknown field, a negative scale, vmin >= vmax, or an argument of the wrong kind.
+    ImportError
+        If the body is a solid and pyvista or libEGL is missing.
     """
     drawing = Drawing(deformation_scale, units, view, axes, title, mesh_lines)
     part = Part(body, boundary, cut)

@@ -39,6 +39,7 @@ OPTIONAL = {
     ("ngepc.pictures.live", "traitlets"),
     ("ngepc.pictures.monitors", "IPython.display"),
     ("ngepc.pictures.views", "ngsolve.webgui"),
+    ("ngepc.pictures.stills", "pyvista"),
 }
 """Imports of what an extra brings, with an error that names the extra."""
 

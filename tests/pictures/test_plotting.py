@@ -101,7 +101,9 @@ FIGURES = {
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_are_drawn_without_pyplot(name, tmp_path):
+def test_figures_are_drawn_without_pyplot(name, tmp_path, request):
+    if "3D" in name:
+        request.getfixturevalue("draws_solids")
     before, figure = plt.get_fignums(), FIGURES[name]()
     pixels = picture(figure, tmp_path / "figure.png")
     ink = (pixels < 0.95).any(axis=2)
