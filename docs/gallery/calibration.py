@@ -50,11 +50,13 @@ def main(out: Path, coarse: bool = False) -> str:
         "hardening", found.values["hardening"], TRUTH["hardening"], 0.15
     )
 
-    side = 4 if coarse else 5
+    side = 3 if coarse else 5
+    degree = 2 if coarse else 3
     ys, hs = np.geomspace(1.2, 6, side), np.geomspace(15, 250, side)
     table = np.array([[forces(yield_stress=y, hardening=h) for h in hs] for y in ys])
     values = [
-        RectBivariateSpline(np.log(ys), np.log(hs), F) for F in np.moveaxis(table, 2, 0)
+        RectBivariateSpline(np.log(ys), np.log(hs), F, kx=degree, ky=degree)
+        for F in np.moveaxis(table, 2, 0)
     ]
     between = np.array([s(np.log(YIELDS), np.log(HARDENINGS)) for s in values])
     misfit = 0.5 * (((between - measured[:, None, None]) / noise) ** 2).sum(axis=0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import stats
+from scipy import special
 from scipy.optimize import OptimizeResult, least_squares
 
 from ngepc.checks.arguments import is_number, require_integer, require_number
@@ -94,7 +94,7 @@ class Curve:
 
         def slopes(names: Sequence[str]) -> np.ndarray:
             """Shape (measurements, names)."""
-            found = [tangents_at(states, {name: 1.0}) for name in names]
+            found = tangents_at(states, [{name: 1.0} for name in names])
             slopes = [
                 [change[step].of(functional) for change in found] for step in steps
             ]
@@ -253,7 +253,7 @@ def _statistics(
         error = np.sqrt(
             np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0)
         )
-        factor = stats.norm.ppf(0.5 + confidence / 2)
+        factor = special.ndtri(0.5 + confidence / 2)
         if (
             not known
         ):  # the noise cannot be estimated from as many measurements as constants
@@ -262,5 +262,5 @@ def _statistics(
                 if m > n
                 else np.full(n, np.inf)
             )
-            factor = stats.t.ppf(0.5 + confidence / 2, max(m - n, 1))
+            factor = special.stdtrit(max(m - n, 1), 0.5 + confidence / 2)
         return condition, np.exp(found.x + factor * np.outer([-1, 1], error))

@@ -11,7 +11,7 @@ is the minimiser of a strictly convex, piecewise quadratic energy.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -115,53 +115,87 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
     states = (give_state() for give_state in states_of(result))
     rates = {parameters: 1.0} if isinstance(parameters, str) else parameters
     require_mapping("parameters", rates, "the name of a datum, or name -> rate")
-    return tangents_at(states, rates)[-1]
+    return tangents_at(states, [rates])[0][-1]
 
 
-def tangents_at(states: Iterable[State], rates: Mapping) -> list[TangentResult]:
-    """The derivatives of the solutions of all time steps, in order."""
-    pairs = {
-        n: r if isinstance(r, tuple) else (r, Direction(n)) for n, r in rates.items()
-    }
-    wanted = directions({name: direction for name, (_, direction) in pairs.items()})
-    numbers = {
-        name: require_number(f"parameters[{name!r}]", r)
-        for name, (r, _) in pairs.items()
-    }
-    found: list[TangentResult] = []
-    data = Data()
+def tangents_at(
+    states: Iterable[State], several: Sequence[Mapping]
+) -> list[list[TangentResult]]:
+    """The derivatives of the solutions of all time steps, in order, for several changes of data.
+
+    The matrix of a step is factorised once for all of them.
+    """
+    found = [Derivatives(rates) for rates in several]
     for state in states:
-        for name, direction in wanted.items():
-            if not (found and direction.inherited):
-                data += numbers[name] * changed_data(state, direction)
-        found.append(_change_of(state, data, found[-1].biactive if found else ()))
-        change = found[-1].change
-        data = Data(
+        system = LinearStep(state)
+        for derivatives in found:
+            derivatives.append(system)
+    return [derivatives.steps for derivatives in found]
+
+
+class Derivatives:
+    """The derivatives in one direction, from each time step to the next one.
+
+    Parameters
+    ----------
+    rates
+        Name -> rate or (rate, Direction), as for ``tangent``.
+    """
+
+    def __init__(self, rates: Mapping) -> None:
+        pairs = {
+            n: r if isinstance(r, tuple) else (r, Direction(n))
+            for n, r in rates.items()
+        }
+        self.directions = directions(
+            {name: direction for name, (_, direction) in pairs.items()}
+        )
+        self.rates = {
+            name: require_number(f"parameters[{name!r}]", r)
+            for name, (r, _) in pairs.items()
+        }
+        self.steps: list[TangentResult] = []
+
+    def append(self, system: LinearStep) -> None:
+        """Add the derivative of the next step, with the system at its solution."""
+        data = self._inherited()
+        for name, direction in self.directions.items():
+            if not (self.steps and direction.inherited):
+                data += self.rates[name] * changed_data(system.state, direction)
+        before = self.steps[-1].biactive if self.steps else ()
+        self.steps.append(_change_of(system, data, before))
+
+    def _inherited(self) -> Data:
+        """What the last step leaves to the next one."""
+        if not self.steps:
+            return Data()
+        change = self.steps[-1].change
+        return Data(
             {n: change[f"next_{n}"] for n in INHERITED if f"next_{n}" in change}
         )
-    return found
 
 
-def _change_of(state: State, data: Data, before: tuple[Biactive, ...]) -> TangentResult:
+def _change_of(
+    system: LinearStep, data: Data, before: tuple[Biactive, ...]
+) -> TangentResult:
     """The derivative of a solution for a change of its data, with a consistent active set.
 
     An active-set method for the convex energy of the change, which is quadratic for a fixed set.
     """
-    contact = LinearContact(state)
-    biactive = (*before, biactive_set(contact))
+    biactive = (*before, biactive_set(system.contact))
     for _ in range(EXCHANGES):
-        change = LinearStep(state, contact).forward(data)
-        found = TangentResult(state, contact, change, biactive)
+        state = system.state
+        change = system.forward(data)
+        found = TangentResult(state, system.contact, change, biactive)
         chosen = _chosen_rows(found)
         surfaces = yield_surfaces_of(state)
         sides = [_chosen_sides(surface, change) for surface in surfaces]
         kept = zip(sides, surfaces, strict=True)
         same = all((side == surface.at.yields).all() for side, surface in kept)
-        if same and chosen.same_sides(contact):
+        if same and chosen.same_sides(system.contact):
             return found
-        contact = chosen
         at = state.discrete.law.with_sides(state.at, *sides)
-        state = replace(state, at=at)
+        system = LinearStep(replace(state, at=at), chosen)
     raise TangentError(
         f"the active set of the one-sided derivative was not found: {found.message}"
     )

@@ -33,7 +33,7 @@ pytestmark = pytest.mark.skipif(
     sys.platform != "linux", reason="signals and limits of Linux"
 )
 
-TABLE = ["study", "table1", "--levels", "1", "--rows", "1e0,1e1,1e2,1e4"]
+TABLE = ["study", "table1", "--levels", "1", "--rows", "1e0,1e1,1e2"]
 PATH = ["path", "lshape", "--nodes", "113", "--gamma-end", "1e4", "--growth", "4"]
 
 
@@ -117,7 +117,7 @@ def test_table_killed_at_random_moments_resumes_with_the_same_digits(
     uninterrupted, tmp_path
 ):
     random = np.random.default_rng(1)
-    arguments, kills, patience = [*TABLE, "--out", str(tmp_path)], 0, 0.9
+    arguments, kills, patience = [*TABLE, "--out", str(tmp_path)], 0, 0.6
     for _ in range(6):
         process = child(main, arguments)
         process.join(random.uniform(0.05, patience))

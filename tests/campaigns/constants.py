@@ -148,8 +148,8 @@ def constants(N, cuts):
         cells = [small for cell in cells for small in cut(cell)]
     all_stresses, n = [Stresses(cell) for cell in cells], 2**cuts
     size = all_stresses[0].mass.shape[0]
-    root = np.linalg.inv(
-        np.linalg.cholesky(block_diag(*[s.mass for s in all_stresses]))
+    root = block_diag(
+        *[np.linalg.inv(np.linalg.cholesky(s.mass)) for s in all_stresses]
     )
     faces = {}
     for t, s in enumerate(all_stresses):

@@ -51,7 +51,8 @@ def test_a_load_cycle_of_twenty_steps(cycle):
     assert len(cycle.steps) == 20
     names = ["lame_mu", "yield_stress", "hardening", "traction", "gap"]
     states = [give_state() for give_state in states_of(cycle)]
-    found = {name: tangents_at(states, {name: 1.0}) for name in names}
+    tangents = tangents_at(states, [{name: 1.0} for name in names])
+    found = dict(zip(names, tangents, strict=True))
     for step in (9, 19):
         slopes = gradient(cycle, "primal_energy", names, step=step)
         assert len(slopes.biactive) == step + 1

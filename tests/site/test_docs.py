@@ -31,10 +31,13 @@ SNIPPET = re.compile(
 )
 NEEDS_MPI = DOCS / "howto" / "distributed.md"
 """The page whose script tests/local/test_processes.py runs."""
+RUN_ELSEWHERE = (NEEDS_MPI, DOCS / "first_steps.md")
 WITH_SNIPPETS = [
-    p for p in PAGES if p != NEEDS_MPI and SNIPPET.search(p.read_text(encoding="utf-8"))
+    p
+    for p in PAGES
+    if p not in RUN_ELSEWHERE and SNIPPET.search(p.read_text(encoding="utf-8"))
 ]
-ON_THEIR_OWN = ("README.md", "docs/first_steps.md", "CONTRIBUTING.md")
+ON_THEIR_OWN = ("README.md", "CONTRIBUTING.md")
 """Pages whose snippets need nothing; the others begin where the first steps end."""
 COARSER = {"maxh=0.25": "maxh=1.5", "maxh=1.0": "maxh=5.0"}
 """The mesh of the first steps, and the one on which the other pages run here."""
@@ -57,11 +60,15 @@ def run_in(folder, code):
         return runpy.run_path("block.py")
 
 
+FIRST_STEPS, *NO_MORE = snippets(DOCS / "first_steps.md")
+
+
 @pytest.mark.skipif(
     not viewer_installed(), reason="the first steps draw with the extra 'html'"
 )
 def test_first_steps_lead_to_a_picture_and_a_page(tmp_path):
-    names = run_in(tmp_path, snippets(DOCS / "first_steps.md")[0])
+    names = run_in(tmp_path, FIRST_STEPS)
+    assert NO_MORE == []
     assert names["result"].contact_force > 0
     assert (tmp_path / "block.png").stat().st_size > 10_000
     assert (tmp_path / "block.html").stat().st_size > 100_000
@@ -72,7 +79,7 @@ def first_steps(tmp_path_factory):
     """What the file of the first steps leaves behind on a coarser mesh: its names."""
     if not viewer_installed():
         pytest.skip("the first steps draw with the extra 'html'")
-    code = snippets(DOCS / "first_steps.md")[0]
+    code = FIRST_STEPS
     for fine, coarse in COARSER.items():
         assert code.count(fine) == 1
         code = code.replace(fine, coarse)
