@@ -168,7 +168,7 @@ class Iterate:
     energy: float  # J with the p that is best for u, and friction (force times length)
     moduli: Any  # data for which ``DiscreteBody.stiffness`` assembles the tangent
     flowing: float  # the largest |p| where the material no longer hardens
-    plastic_measure: float  # area or volume of what yields in this step
+    plastic_measure: float  # area or volume of the part that yields in this step
 
     def with_radial_return(self) -> Iterate:
         """The state whose tangent is the second derivative of the energy: by default this one."""
@@ -378,7 +378,7 @@ class Floating:
         return said if missing > SMALL else ""
 
     def undetermined(self, forces: np.ndarray) -> int:
-        """Number of rigid motions that the rows which press or stick leave free."""
+        """Number of rigid motions that active and sticking rows do not prevent."""
         if not self.centres:
             return 0
         normal = self._contact.normal(forces)

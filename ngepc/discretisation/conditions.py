@@ -51,9 +51,7 @@ class ContactConditions:
     processes: (
         Team  # share the body; rows at common vertices are on all that have the vertex
     )
-    own: (
-        slice | np.ndarray
-    )  # what selects the forces of rows that this process answers for
+    own: slice | np.ndarray  # selects the forces of rows that belong to this process
     matrix: csr_matrix  # R, shape (n, nodes N), n = m without friction and m N with it
 
     def __init__(self, problem: Problem, supports: Supports) -> None:
@@ -167,7 +165,7 @@ class ContactConditions:
         return self.processes.total(forces[self._own_rows].sum(axis=0))
 
     def at_vertices(self, values: np.ndarray) -> np.ndarray:
-        """What belongs to the rows of all processes, (m, ...), given to the vertices."""
+        """Sums at the vertices of values (m, ...) of the rows of all processes."""
         own = np.zeros_like(values)
         own[self._own_rows] = values[self._own_rows]
         return self._vertices.summed(self.rows.at_vertices(own, self._vertex_count))

@@ -359,7 +359,7 @@ class Points:
         )
 
     def _gathered(self, local: Callable[[Elements], np.ndarray]) -> np.ndarray:
-        """The sum over elements of what a part has at its nodes, shape (nodes, N)."""
+        """Sums over elements of the values at their nodes, shape (nodes, N)."""
         count = self.scalar.ndof
         N = self.kinematics.N
         result = np.zeros((count, N))
@@ -414,7 +414,7 @@ class PointFunctions:
         return result
 
     def _vectors(self, components: int) -> FESpace:
-        """The space of functions with so many components, made once."""
+        """The space of functions with this number of components, made once."""
         if components not in self._spaces:
             self._spaces[components] = VectorValued(self._scalar, components)
         return self._spaces[components]

@@ -128,7 +128,7 @@ def _is_orientation(lines: list[tuple[int, str]]) -> bool:
 
 
 def _combined(name: str, below: list[float], order: int) -> float:
-    """The degree of a part with this name from those of what it is made of."""
+    """The degree of an expression with this name from those of its operands."""
     if FUNCTIONS.fullmatch(name):
         return order
     if CONSTANTS.fullmatch(name):

@@ -96,7 +96,7 @@ class ContactRows:
 class RowGaps:
     """The gaps of contact rows, from the gap at the nodes of the facets."""
 
-    sums: csr_matrix  # adds up what the nodes of facets have, shape (all rows, records)
+    sums: csr_matrix  # sums of records for each row, shape (all rows, records)
     weights: np.ndarray  # areas of the records
     coefficients: csr_matrix | None  # of order two, from means at the nodes of the rows
     chosen: np.ndarray  # rows that supports do not hold
@@ -204,7 +204,7 @@ def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
 def rows_and_gaps(
     problem: Problem, supports: Supports
 ) -> tuple[ContactRows, RowGaps | None]:
-    """The same with what gives the rows other gaps, None without a contact boundary."""
+    """The rows, and ``RowGaps`` for other gaps; None without a contact boundary."""
     own, means = facet_records(problem)
     records, means = shared_records(own, means, problem.nodal_processes)
     weights = records["weight"]

@@ -31,7 +31,7 @@ ON_BOUNDARY = (
 OF_OBSTACLES = 2
 """The highest degree of obstacles whose lowest point between nodes is known."""
 LOADS = ("body_force", "traction", "pressure")
-"""What a solver looks at on the lattice."""
+"""Data that a solver samples on the lattice."""
 
 
 def sampled_data(problem: Problem) -> list[str]:
@@ -99,7 +99,7 @@ def hidden_overlap(problem: Problem, u: np.ndarray) -> float:
 
 
 def _given(problem: Problem) -> dict[str, object]:
-    """Argument -> what was given for it."""
+    """Argument -> its given value."""
     material = problem.material
     return {
         "body_force": problem.body_force,

@@ -80,7 +80,7 @@ class Stiffness(Blocks):
         return np.searchsorted(keys, wanted)
 
     def summed(self, data: Any) -> np.ndarray:
-        """The blocks without what is added and held, shape (blocks, N, N)."""
+        """The blocks without added and held entries, shape (blocks, N, N)."""
         raise NotImplementedError
 
     def values(self, data: Any) -> np.ndarray:
@@ -130,7 +130,7 @@ class ElementStiffness(Stiffness):
         self._gathers = [[self._gather(part) for part in block] for block in blocks]
 
     def _gather(self, part: Elements) -> tuple[np.ndarray, csr_matrix]:
-        """Places of the blocks that some elements touch, and what sums their pairs to these.
+        """Positions of the blocks of some elements, and a matrix that sums pairs of nodes to them.
 
         The block of nodes i >= j takes the pair (a, b) of an element with its nodes in this order.
         """
@@ -154,7 +154,7 @@ class ElementStiffness(Stiffness):
         values = np.zeros((len(self.rows), self.N**2))
 
         def blocks_of(given: tuple[Elements, tuple]) -> tuple[np.ndarray, np.ndarray]:
-            """Places of the blocks that some elements touch, and what these add."""
+            """Positions of the blocks of some elements, and the contributions to them."""
             part, (touched, gather) = given
             K = part.stiffness(data).reshape(self.N**2, -1)
             return touched, np.column_stack([gather @ one for one in K])

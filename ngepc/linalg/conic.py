@@ -41,7 +41,7 @@ class ConeProgram:
 
 @dataclass(frozen=True, eq=False)
 class ConeSolution:
-    """What the solver found.
+    """The solution of a conic program.
 
     Parameters
     ----------

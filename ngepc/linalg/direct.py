@@ -96,7 +96,7 @@ def from_entries(
 
 
 class SparseSum:
-    """A matrix in symmetric storage, and what is added to it in its pattern.
+    """A matrix in symmetric storage, to which entries of its pattern can be added.
 
     ``mirrored`` asks for both triangles; ``values`` are the entries of the lower one, row by row.
     """

@@ -27,7 +27,7 @@ from ngepc.linalg.secants import Compliance
 PATIENCE = 10  # exchanges without progress before those of Murty's rule take over
 
 SOFT = (0.3, 0.03)
-"""c times the compliance of a row, one after the other: what cycles with one does not with both."""
+"""c times the compliance of a row; a second value is tried if Newton's method cycles."""
 
 STEPS = 30  # Newton steps with each c
 PROXIMAL_STEPS = 60  # at most, where Newton's method alone fails in a convex problem
@@ -320,8 +320,8 @@ class FrictionCone:
     ) -> Iterator[np.ndarray]:
         """Solutions from each of the starts that has one.
 
-        Where springs hold a floating part, what they carry is taken off again, as often as leaves
-        nothing of it: they are no part of the body.
+        Springs that hold a floating part are no part of the body: their force is removed again, in
+        several passes.
         """
         W = Compliance.of(S)
         passes = RELEASES if rigid.size else 1

@@ -92,7 +92,7 @@ class Armijo(Declared):
 
 @dataclass(frozen=True)
 class FullSteps:
-    """No globalisation: alpha = 1 always, so that one can see what Armijo buys."""
+    """No globalisation: always alpha = 1, for comparison with ``Armijo``."""
 
     def search(self, phi: Descent) -> Step:
         """alpha = 1."""

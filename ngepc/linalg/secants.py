@@ -16,13 +16,13 @@ import numpy as np
 SPANNED = (
     1e-12  # a force that does a smaller share of its work beyond those learned is known
 )
-ROUNDING = 3e-14  # part of an answer that is rounding
+ROUNDING = 3e-14  # relative size of rounding in a product S force
 FIRST = 3e-2  # part of the slack below which the first change counts as rounding
-RESTARTS = 4  # products are at most so many times as many as rows
+RESTARTS = 4  # largest number of products, relative to the number of rows
 
 
 class Compliance:
-    """W close to S, symmetric and positive definite, with W v = S v for what it has learned.
+    """An approximation W of S, symmetric positive definite, with W v = S v for known products.
 
     It starts as diag + C C', with a positive diagonal (length per force) and ``columns`` C (n, k),
     and learns by BFGS updates with forces that are made S-orthogonal, so that all products since
@@ -68,7 +68,7 @@ class Compliance:
         return other
 
     def restart(self) -> None:
-        """Take note of a new tangent K: what was learned becomes a guess."""
+        """Start with a new tangent K: known products become a guess."""
         self._learned: list[tuple[np.ndarray, np.ndarray]] = []
         if self._columns.shape[1] > 2 * len(self._diagonal):
             self._condense()
@@ -84,7 +84,7 @@ class Compliance:
         self._signs = np.ones(len(factor))
 
     def learn(self, force: np.ndarray, answer: np.ndarray) -> bool:
-        """Make W force = answer, where answer = S force; False if W knows it already."""
+        """Update W such that W force = answer = S force; False if that holds already."""
         work = force @ answer
         for v, Sv in self._learned:
             share = v @ answer

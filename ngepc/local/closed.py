@@ -171,14 +171,14 @@ class Closed:
         return u - self.moved(self.rows @ u)
 
     def unbalanced(self, forces: np.ndarray) -> np.ndarray:
-        """What supports and held rows leave of nodal forces, flat.
+        """Nodal forces projected onto the displacements that supports and held rows allow, flat.
 
         Its work is zero for all displacements by which ``project`` corrects others.
         """
         return self._balancing(forces)[1]
 
     def _balancing(self, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of the held rows that balance nodal forces at their nodes, and what is left."""
+        """Forces of the held rows that balance nodal forces at their nodes, and the residual."""
         left = self.free * forces
         between = self._between.pushing(left)
         pushed = self._between.pushed @ (self._mine * between)

@@ -200,7 +200,7 @@ class IterativeTangent:
         processes = self._processes
 
         def image(x: np.ndarray) -> np.ndarray:
-            """What the rows leave of the tangent times x."""
+            """The tangent times x, projected onto the displacements that the rows allow."""
             return closed.unbalanced(multiply(x))
 
         def precondition(r: np.ndarray) -> np.ndarray:

@@ -57,7 +57,7 @@ REACH = {1: 2.0, 2: 4.0}
 For order one 2 was enough for up to 8 processes; for order two some are above 2 with 5.
 """
 FEW = 4
-"""Up to so many processes 2 was enough for both orders; a larger value costs a third more steps."""
+"""Up to this number of processes, 2 suffices; a larger value costs a third more iterations."""
 
 
 def shared_options(processes: int, order: int) -> str:

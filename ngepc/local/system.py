@@ -87,7 +87,7 @@ class DiscreteProblem(DiscreteBody):
 
     @cached_property
     def stiffness(self) -> ElementStiffness:
-        """What assembles the tangents, see ``DiscreteBody``."""
+        """The object that assembles the tangents, see ``DiscreteBody``."""
         return ElementStiffness(self.points, self.free).with_added(self.added)
 
     @cached_property
@@ -199,7 +199,7 @@ class State(Iterate):
 
     @property
     def plastic_measure(self) -> float:
-        """Area or volume of what yields in this step."""
+        """Area or volume of the part that yields in this step."""
         return self.discrete.points.integral(self.at.yields.astype(float))
 
     @cached_property

@@ -19,7 +19,7 @@ from ngepc.model.problem import Problem
 from ngepc.results.outcome import History, Status
 
 REMEMBERED = 2000
-"""Most contact forces whose compliance is kept, a matrix with so many rows."""
+"""Largest number of contact forces for which the compliance matrix is kept."""
 
 
 class WarmSolver(RepeatedSolver):
@@ -30,7 +30,7 @@ class WarmSolver(RepeatedSolver):
     _learned: tuple[csr_matrix, Compliance] | None = None
 
     def _compliance(self, discrete: DiscreteProblem) -> Compliance:
-        """What is known of the compliance of the contact rows, from earlier solves too."""
+        """The approximate compliance of the contact rows, from this and earlier solves."""
         rows = discrete.contact.matrix
         known = self._learned
         if known is None or known[0] is not rows or len(discrete.contact) > REMEMBERED:

@@ -1,4 +1,4 @@
-"""What makes a problem well posed, checked before any work is done.
+"""Checks of the data of a problem, made before any work is done.
 
 NGSolve accepts misspelt boundaries, singular supports and NaN without a message. Here each is an
 error that names the argument, its value and what is legal.
@@ -436,7 +436,7 @@ def check_history(problem: ProblemData) -> None:
     for name, value in scalars.items():
         if value is not None:
             require_field(name, value, problem.mesh)
-            # elsewhere what earlier steps leave may fall below the values that it interpolates
+            # history variables may be smaller between the points than at the points
             rules = plastic_points(problem.mesh, problem.order)
             values = sample(value, problem.mesh, rules=rules)
             size = np.abs(values)

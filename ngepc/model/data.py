@@ -71,7 +71,7 @@ class ProblemData:
 
     @property
     def given(self) -> dict[str, object]:
-        """Name of each argument -> what was given."""
+        """Name of each argument -> its given value."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @property
@@ -159,7 +159,7 @@ class ProblemData:
 
     @property
     def held(self) -> list[tuple[str, Place, int, Coefficient]]:
-        """(argument, single place, component, displacement) of what is clamped and prescribed."""
+        """(argument, single place, component, displacement) of all supports."""
         given = [
             (f"clamped={name!r}", name, (0.0,) * self.N) for name in self.clamped_names
         ]

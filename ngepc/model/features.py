@@ -37,21 +37,21 @@ BASIC_FEATURES = frozenset(
         "obstacle",
     }
 )
-"""What every method covers."""
+"""Features that every method covers."""
 
 HISTORY_FEATURES = frozenset({"initial plastic strain", "initial hardening"})
-"""The history that earlier steps leave, beside PEEQ."""
+"""History variables of earlier steps, without PEEQ."""
 
 KINEMATICS_FEATURES = frozenset(
     {"plane stress", "axisymmetric", "other kinematics", "thickness"}
 )
-"""Kinematics beside plane strain, the paper's and solids, and the thickness of plane bodies."""
+"""Kinematics other than plane strain, the paper's and solids; thickness of plane bodies."""
 
 ELEMENT_FEATURES = frozenset({"order 2", "other shapes", "curved elements"})
-"""Elements beside straight simplices of order one."""
+"""Elements other than straight simplices of order one."""
 
 LAW_FEATURES = frozenset({"hardening law", "rate", "initial strain"})
-"""Laws beside linear hardening, and strains that are free of stress."""
+"""Laws other than linear hardening, and initial strains."""
 
 CONTACT_FEATURES = frozenset(
     {
@@ -62,10 +62,10 @@ CONTACT_FEATURES = frozenset(
         "contact at a clamp",
     }
 )
-"""Contact beside rigid obstacles without friction."""
+"""Contact other than with rigid obstacles without friction."""
 
 SUPPORT_FEATURES = frozenset({"rollers", "edges and points", "springs"})
-"""Supports and loads beside components on boundaries."""
+"""Supports and loads other than components on boundaries."""
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ FEATURES = {
     "edges and points": _feature(_BOUNDARIES, _elsewhere),
     "springs": _feature("supports that do not give way", _springs),
 }
-"""Name of each feature -> what a problem needs without it, and how it is found."""
+"""Name of each feature -> what is needed instead, and the function that finds it."""
 
 
 def features_of(problem: ProblemData) -> dict[str, tuple[str, object]]:

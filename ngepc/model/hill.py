@@ -25,7 +25,7 @@ _LEAST = 1e-12  # relative size of the smallest eigenvalue that a form may have
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hill(Declared):
-    """Anisotropic yield of a material, beside its ``yield_stress``.
+    """Anisotropic yield of a material, relative to its ``yield_stress``.
 
     Parameters
     ----------

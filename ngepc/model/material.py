@@ -217,7 +217,7 @@ class Material(Declared):
 
     @property
     def data_sheet(self) -> dict[str, object]:
-        """What ``Material.metal`` was given, by name; empty for other materials."""
+        """The arguments of ``Material.metal``, by name; empty for other materials."""
         return dict(vars(self).get("given", ()))
 
     def __repr__(self) -> str:

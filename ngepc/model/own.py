@@ -17,7 +17,7 @@ from ngepc.checks.coefficients import with_numbers, with_own_functions
 from ngepc.model.data import ProblemData
 
 INITIAL = "initial_"
-"""How the arguments begin that an earlier step leaves; nothing sets these again."""
+"""Prefix of arguments that come from an earlier step; users do not change these."""
 
 Change = Callable[[str, CoefficientFunction], CoefficientFunction]
 
@@ -56,7 +56,7 @@ def _changed(name: str, value: object, change: Change) -> object:
 
 
 def size_of(mesh: Mesh) -> tuple[int, int]:
-    """Vertices and elements: what refinement changes."""
+    """Numbers of vertices and elements, which refinement changes."""
     return mesh.nv, mesh.ne
 
 

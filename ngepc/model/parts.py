@@ -58,7 +58,7 @@ def end_all_processes(
 
 
 def end_all_on_exit(status: int) -> None:
-    """End the other processes where this one leaves by ``sys.exit`` with a status or a message.
+    """End the other processes if this one calls ``sys.exit`` with a status or a message.
 
     ``python -m mpi4py`` calls it while an exception goes through; all but SystemExit are left to
     ``end_all_processes``.

@@ -163,7 +163,7 @@ class Problem(ProblemData):
         return other
 
     def continued(self, **history: object) -> Problem:
-        """The problem with what steps before it left behind (``LEFT``), not checked again."""
+        """The problem with history variables of earlier steps (``LEFT``), not checked again."""
         strange = sorted(set(history) - set(LEFT))
         if strange:
             raise TypeError(f"{', '.join(strange)}: fields of a history are {LEFT}")

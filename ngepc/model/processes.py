@@ -150,7 +150,7 @@ class Team:
         return received
 
     def traded(self, parts: dict[int, T]) -> dict[int, T]:
-        """What the neighbours send in exchange for ``parts``."""
+        """Send ``parts`` to the neighbours; returns what they send."""
         received = self.comm.alltoall([parts.get(rank) for rank in range(self.size)])
         return {rank: received[rank] for rank in self.copies}
 
@@ -192,7 +192,7 @@ def nodes_of(mesh: Mesh) -> int:
 
 
 def require_whole(what: str, mesh: Mesh) -> None:
-    """Accept a mesh of one process; ``what`` names in the message what several cannot do."""
+    """Refuse a mesh shared by several processes; ``what`` names the operation in the message."""
     size = max(processes_of(mesh).size, mesh.comm.size)
     if size > 1:
         raise ValueError(

@@ -183,7 +183,7 @@ def slope_rounding(here: Iterate, change: np.ndarray, contact: np.ndarray) -> fl
 
 
 def uniqueness(here: Iterate, tangent: Any) -> tuple[Status, str]:
-    """Whether friction allows other equilibria beside a solution, and a sentence about it."""
+    """Whether friction allows several equilibria, and a message about it."""
     tangent.linearise(here)
     several, message = several_solutions(
         here, tangent.solve, tangent.examined, tangent.stiffened

@@ -131,7 +131,7 @@ class SolverError(RuntimeError):
 
 
 class Ending:
-    """How a run has ended, for those who want an exception; results of all solvers inherit it."""
+    """How a run has ended, with ``raise_for_status``; base class of all results."""
 
     status: Status
     message: str

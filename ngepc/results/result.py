@@ -35,11 +35,11 @@ DEEP = 0.01
 
 SMALL_STRAIN = 0.03
 SMALL_ROTATION = 0.05
-"""Largest |eps(u)|, and rotation (rad), above which a result says what small strains neglect."""
+"""Strain |eps(u)| and rotation (rad) above which the message warns of large deformations."""
 
 
 class Result(Quantities, Ending):
-    """What the results of all solvers have in common, available for every status.
+    """The base class of all results; everything is available for every status.
 
     Subclasses have the ``Quantities`` and what is declared here.
     """
@@ -155,12 +155,12 @@ class DiscreteSolution(Result):
 
     @property
     def residual_norm(self) -> float:
-        """Relative norm of the forces out of balance and of what contact leaves."""
+        """Relative norm of the residual forces and of the violation of contact conditions."""
         return self.state.residual_norm
 
     @property
     def residual_rounding(self) -> float:
-        """What rounding leaves of ``residual_norm``: a smaller tolerance cannot be met."""
+        """Rounding error of ``residual_norm``: smaller tolerances cannot be reached."""
         return self.state.rounding
 
     @property
@@ -200,7 +200,7 @@ class DiscreteSolution(Result):
 
     @property
     def nodal_slip(self) -> np.ndarray:
-        """What each row has slipped in this step (length), rounding where it sticks, (m, N - 1)."""
+        """Slip of each row in this step (length), rounding errors where it sticks, (m, N - 1)."""
         return self.state.slip
 
     @property
@@ -322,7 +322,7 @@ class DiscreteSolution(Result):
 
     @cached_property
     def message(self) -> str:
-        """How the run ended, and what a user must know of the solution."""
+        """How the run ended, and remarks on the solution that a user must know."""
         seen = [] if self.status is Status.UNHELD else self._observations()
         return " ".join(filter(None, (self.ending, *seen)))
 
@@ -384,7 +384,7 @@ def at_plastic_points(problem: Problem, value: CoefficientFunction) -> np.ndarra
 
 
 def large_motion(strain: float, rotation: float) -> str:
-    """A note on what linearised strains neglect at the largest strain and rotation (rad)."""
+    """A remark on the error of linearised strains at the largest strain and rotation (rad)."""
     spurious = rotation**2 / 2
     return (
         f"Strains reach {in_percent(strain)} and rotations {rotation:.2g} rad, but the model "

@@ -34,7 +34,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def array_of(path: Path, arrays: Mapping, name: str, size: int) -> np.ndarray:
-    """A stored array of so many finite real numbers; a ValueError with the file's name if not."""
+    """A stored array of ``size`` finite real numbers; ValueError with the file's name if not."""
     found = arrays.get(name)
     legal = isinstance(found, np.ndarray) and found.dtype == float
     if not legal or found.shape != (size,) or not np.isfinite(found).all():
