@@ -19,7 +19,7 @@ from ngepc.discretisation.contact_step import with_contact
 from ngepc.discretisation.rows import HELD
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import SHORTEST, SOFT
-from ngepc.local.closed import Closed, Rubbing
+from ngepc.local.closed import Closed, TangentialRows
 from ngepc.local.iterative import IterativeTangent
 from ngepc.local.system import DiscreteProblem, State
 
@@ -37,7 +37,7 @@ FINEST = 1e-9
 """Smallest relative residual of a linear system."""
 
 
-class Meeting(NamedTuple):
+class ContactResponse(NamedTuple):
     """A change of u, the forces of the rows in balance with it, and the resulting gaps."""
 
     change: np.ndarray
@@ -101,7 +101,7 @@ class InexactTarget:
 
     def _sets(
         self, here: State, tangent: IterativeTangent, accuracy: float
-    ) -> tuple[Meeting, bool]:
+    ) -> tuple[ContactResponse, bool]:
         """Contact and friction by active sets: the best found, and whether it is the solution.
 
         Each set minimises Newton's model with these closed rows, with friction linearised at the
@@ -114,7 +114,7 @@ class InexactTarget:
             if contact.friction.d
             else 0.0
         )
-        at = Meeting(np.zeros(here.u.size), here.contact, here.gaps)
+        at = ContactResponse(np.zeros(here.u.size), here.contact, here.gaps)
         active = here.multipliers > 0
         active = (
             active if processes.any(active) else here.open_gap < 0
@@ -133,7 +133,9 @@ class InexactTarget:
             scale = scale or accuracy * processes.norm(right)
             change = fixed + tangent.minimise(closed, right, start, scale)
             gaps = here.gaps - contact.matrix @ change
-            found = Meeting(change, closed.forces(loads - multiply(change), gaps), gaps)
+            found = ContactResponse(
+                change, closed.forces(loads - multiply(change), gaps), gaps
+            )
             at, whole = self._shortened(at, found, c) if number else (found, True)
             pressing = contact.normal(at.forces - c * at.gaps)
             rounding = contact.normal(c) * here.touching_distance
@@ -147,15 +149,17 @@ class InexactTarget:
     def _closed(self, active: np.ndarray, y: np.ndarray, c: np.ndarray) -> Closed:
         """Closed rows, and their tangential behaviour for the trial forces y = x - c g."""
         contact = self._contact
-        rubbing = None
+        tangential_rows = None
         if contact.friction.d:
             along = contact.tangential(c)[:, 0]
-            rubbing = Rubbing.by(contact.friction, active, self._movable, y, along)
-        return Closed(self._body, active, rubbing)
+            tangential_rows = TangentialRows.by(
+                contact.friction, active, self._movable, y, along
+            )
+        return Closed(self._body, active, tangential_rows)
 
     def _shortened(
-        self, at: Meeting, found: Meeting, c: np.ndarray
-    ) -> tuple[Meeting, bool]:
+        self, at: ContactResponse, found: ContactResponse, c: np.ndarray
+    ) -> tuple[ContactResponse, bool]:
         """The shortened step that decreases the defect, and whether it is a full step.
 
         If no length decreases it, the full step is taken.  Forces are in balance along the whole
@@ -168,7 +172,7 @@ class InexactTarget:
             if self._contact.defect(nearer.forces, c * nearer.gaps) < before:
                 return nearer, length == 1
             length /= 2
-            nearer = Meeting(
+            nearer = ContactResponse(
                 *(a + length * (b - a) for a, b in zip(at, found, strict=True))
             )
         return found, True

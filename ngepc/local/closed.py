@@ -29,12 +29,12 @@ STIFFEST = 100.0
 """Largest ratio of the tangential stiffness of slipping rows to c."""
 
 
-class Rubbing(NamedTuple):
+class TangentialRows(NamedTuple):
     """Tangential behaviour of rows: stick, or slip with t = bound + slant n + k slip.
 
     Closed rows, and with Tresca's law the open ones as well.
 
-    ``sticks`` tells which tangents are held, (m, d) as are bound and slant; the stiffness k, sparse
+    ``sticks`` marks the held tangents, (m, d) as are bound and slant; the stiffness k, sparse
     (m d, m d), turns forces towards the slip.
     """
 
@@ -44,6 +44,12 @@ class Rubbing(NamedTuple):
     stiffness: csr_matrix
 
     @classmethod
+    def none(cls, m: int) -> TangentialRows:
+        """No tangents, for m rows without friction."""
+        nothing = np.zeros((m, 0))
+        return cls(nothing, nothing, nothing, csr_matrix((0, 0)))
+
+    @classmethod
     def by(
         cls,
         cone: FrictionCone,
@@ -51,7 +57,7 @@ class Rubbing(NamedTuple):
         free: np.ndarray,
         y: np.ndarray,
         c: np.ndarray,
-    ) -> Rubbing:
+    ) -> TangentialRows:
         """The linearised law of closed rows at y = x - c g; c is (m,), free tangents (m, d)."""
         slips, direction, bound, trial_size = cone.slipping(y)
         with_friction = cone.with_friction(active)
@@ -74,25 +80,24 @@ class Rubbing(NamedTuple):
 class Closed:
     """The displacements that keep supports and closed contact rows, and projections onto them.
 
-    ``active`` tells which rows are closed, ``rubbing`` what they do along their tangents, None
-    without friction.  ``numbers`` are the held rows among all forces, the tangents last;
-    ``slanted`` says that rows push obliquely, so that the tangent is not symmetric on them.
+    ``active`` marks the closed rows; ``tangential_rows`` is their behaviour along the tangents, or
+    None without friction.  ``numbers`` are the held rows among all forces, the tangents last;
+    ``slanted``: whether rows push obliquely, so that the tangent is not symmetric on them.
     FactorisationError if the closed rows are dependent.
     """
 
     def __init__(
-        self, body: DiscreteBody, active: np.ndarray, rubbing: Rubbing | None = None
+        self,
+        body: DiscreteBody,
+        active: np.ndarray,
+        tangential_rows: TangentialRows | None = None,
     ) -> None:
         self.free = body.free.ravel().astype(float)
         self._N = body.free.shape[1]
         contact = body.contact
         rows = contact.rows
         m = len(active)
-        nothing = np.zeros((m, 0))
-        sticks, bound, slant, stiffness = rubbing or (
-            *[nothing] * 3,
-            csr_matrix((0, 0)),
-        )
+        sticks, bound, slant, stiffness = tangential_rows or TangentialRows.none(m)
         self._processes = contact.processes
         self._bound = bound.ravel()
         self._stiffness = stiffness
@@ -121,9 +126,9 @@ class Closed:
         between = self._nodes >= body.problem.mesh.nv
         if body.problem.contact_pairs:
             between[:] = False  # their rows have no node of their own
-        self._at_vertices = Eliminated(self.rows, pushed, np.flatnonzero(~between))
+        self._at_vertices = EliminatedRows(self.rows, pushed, np.flatnonzero(~between))
         parts = self.rows, pushed, np.flatnonzero(between)
-        self._between = Eliminated(*parts, self._nodes, self._N)
+        self._between = EliminatedRows(*parts, self._nodes, self._N)
 
     def moved(self, amounts: np.ndarray) -> np.ndarray:
         """A displacement of nodes at the held rows that moves these by some amounts."""
@@ -203,7 +208,7 @@ class Closed:
         return nodes, np.einsum("kan,kn,kbn->kab", vectors, left, vectors)
 
 
-class Eliminated:
+class EliminatedRows:
     """Some of the held rows, and displacements of their nodes in terms of which they are solved.
 
     With the rows R, what they push S and displacements E, the matrices R E and E' S are regular.

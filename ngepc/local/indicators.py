@@ -74,7 +74,7 @@ def error_indicators(result: ExactResult) -> GridFunction:
     mesh = result.problem.mesh
     alike = elements_by_shape(mesh)
     pairs = zip(points.blocks, alike, strict=True)
-    shapes = [OfShape(points, block, *of) for block, of in pairs]
+    shapes = [ShapeIndicators(points, block, *of) for block, of in pairs]
     recovered = averaged(points, shapes, stress)
 
     indicators = GridFunction(L2(mesh, order=0), name="error_indicators")
@@ -106,7 +106,7 @@ def plastic_compliance(state: State) -> np.ndarray:
     return state.at.yields / np.maximum(stiffness, SOFTEST * law.two_mu)
 
 
-class OfShape:
+class ShapeIndicators:
     """The elements of one shape, with a rule that is finer than their plastic points."""
 
     def __init__(
@@ -150,7 +150,9 @@ class OfShape:
         return smooth - rough
 
 
-def averaged(points: Points, shapes: list[OfShape], stress: np.ndarray) -> np.ndarray:
+def averaged(
+    points: Points, shapes: list[ShapeIndicators], stress: np.ndarray
+) -> np.ndarray:
     """Nodal coefficients of the continuous stress, shape (nodes, s).
 
     For order 1 means weighted with hat functions: for bilinear stresses they are better than values

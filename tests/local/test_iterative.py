@@ -10,7 +10,7 @@ from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.active_set import InexactTarget
-from ngepc.local.closed import Closed, Rubbing
+from ngepc.local.closed import Closed, TangentialRows
 from ngepc.local.iterative import FullPattern, Iterative, IterativeTangent
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly, starting_state
@@ -104,9 +104,9 @@ def test_rows_that_slip_push_obliquely(discrete):
     sticks = np.repeat((np.arange(m) % 3 == 1)[:, None], 2, axis=1)
     slant = 0.4 * rng.standard_normal((m, 2)) * (np.arange(m) % 3 == 2)[:, None]
     stiffness = diags((slant != 0).ravel().astype(float)).tocsr()
-    rubbing = Rubbing(sticks, 0 * slant, slant, stiffness)
+    tangential_rows = TangentialRows(sticks, 0 * slant, slant, stiffness)
     closed, x = (
-        Closed(discrete, active, rubbing),
+        Closed(discrete, active, tangential_rows),
         rng.standard_normal(discrete.free.size),
     )
     kept = closed.project(x)
