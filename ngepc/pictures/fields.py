@@ -340,10 +340,14 @@ class Drawing(Declared):
         return lines
 
     def _panels(self, corners: Corners, count: int, bar: bool) -> list[Axes]:
-        """Axes of a new figure for bodies of this size, three in a row, on a common scale."""
+        """Axes of a new figure for bodies of this size, three in a row.
+
+        Plane bodies have a common scale; each solid is an image with pixels of its own.
+        """
         width = 3.8
         height = 3.4  # inches, of a solid
-        if corners.points.shape[2] == 2:
+        plane = corners.points.shape[2] == 2
+        if plane:
             both = np.concatenate(
                 [corners.points, corners.deformed(self.deformation_scale)]
             )
@@ -359,5 +363,6 @@ class Drawing(Declared):
         first = None
         for k in range(count):
             axes = figure.add_subplot(rows, columns, k + 1, sharex=first, sharey=first)
-            first = first or axes
+            if plane:
+                first = first or axes
         return figure.axes

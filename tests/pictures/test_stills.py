@@ -10,9 +10,12 @@ from matplotlib.colors import Normalize, rgb_to_hsv, to_rgb
 from ngsolve import CF
 from solved import block_primal
 
+from ngepc.geometries import block
+from ngepc.model.problem import Problem
 from ngepc.pictures import plot_field, plot_plastic_zone, stills
 from ngepc.pictures.stills import solid_image
 from ngepc.pictures.style import ELASTIC, PLASTIC
+from ngepc.primal.solver import primal_newton
 
 pytestmark = pytest.mark.usefixtures("draws_solids")
 SIZE = (3.0, 2.0, 1.0)
@@ -146,3 +149,16 @@ def test_what_is_missing_is_named_with_the_line_that_installs_it(monkeypatch):
 def test_views_are_pairs_of_angles(view):
     with pytest.raises((TypeError, ValueError), match="view"):
         plot_field(block_primal(), view=view)
+
+
+def test_solids_of_several_sizes_are_drawn_whole():
+    """Each picture ends where its image ends, with the arrows of the axes on its left."""
+    slab = Problem(
+        block.mesh(0.5, (2.0, 1.0, 0.2)), block_primal().problem.material, order=1
+    )
+    bodies = {"cube": block_primal(), "slab": primal_newton(slab)}
+    figure = plot_field(bodies, "displacement_z", vmin=-1, vmax=1)
+    for axes in figure.axes[:2]:
+        height, width = axes.images[0].get_size()
+        assert axes.get_xlim()[1] == width
+        assert axes.get_ylim()[0] == height
