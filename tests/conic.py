@@ -6,11 +6,12 @@ written down here again, from the formulas, and Clarabel's interior point method
     J(u, p) = sum w (bulk/2 tr(eps)^2 + mu |dev eps - p_0 - p|^2 - mu |p_0|^2 + dev alpha : p
               + h/2 |p|^2 + cost of |p|) - loads . u + sum F w |slip|
 
-or, with sub-elements, the sum of shares of that with a plastic strain and a bound each,
+or, with sub-elements, the sum of shares of that with a plastic strain and a bound each, or with
+Hill's (p . A^-1 p)^(1/2) in place of |p| in the cost,
 
-over u with supports and rows n . u <= gap.  Straight triangles and tetrahedra, both orders,
-constant loads and materials, gaps that are affine on facets, flat contact boundaries, two bodies
-whose meshes match where they touch.
+over u with supports and rows n . u <= gap, in plane stress also over eps_zz at each point.
+Straight triangles and tetrahedra, both orders, constant loads and materials, gaps that are affine
+on facets, flat contact boundaries, two bodies whose meshes match where they touch.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from itertools import combinations
 import clarabel
 import numpy as np
 from ngsolve import BND, ET, VOL
-from scipy.sparse import coo_matrix, csc_matrix, diags, triu, vstack
+from scipy.sparse import coo_matrix, csc_matrix, diags, identity, kron, triu, vstack
 
 from ngepc.model.elements import plastic_points
 
@@ -59,6 +60,43 @@ def coordinates(tensor, N, size):
     if N == 2 and size == 3:
         found[2] -= 2 / R6 * tensor[2, 2]
     return found
+
+
+def tensors(N):
+    """The symmetric tensors of the coordinates with three axes, orthonormal, shape (d, 3, 3)."""
+    entries, d = deviator(N, 3)
+    found = np.zeros((d, 3, 3))
+    for i, j, k, factor in entries:
+        found[k, i, j] += factor / 2
+        found[k, j, i] += factor / 2
+    if N == 2:
+        found[2, 2, 2] = -2 / R6
+    return found
+
+
+def hill_square(hill, s):
+    """2/3 S^2 of a stress by Hill's formula in the axes of the material."""
+    cosine = np.cos(hill.angle)
+    sine = np.sin(hill.angle)
+    axes = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    (s11, s12, s13), (_, s22, s23), (_, _, s33) = axes.T @ s @ axes
+    square = hill.F * (s22 - s33) ** 2
+    square += hill.G * (s33 - s11) ** 2
+    square += hill.H * (s11 - s22) ** 2
+    square += 2 * hill.L * s23**2 + 2 * hill.M * s13**2 + 2 * hill.N * s12**2
+    return 2 / 3 * square
+
+
+def hill_form(hill, N):
+    """A of s . A s = 2/3 S^2 on coordinates, by polarisation."""
+    own = tensors(N)
+    d = len(own)
+    form = np.zeros((d, d))
+    for i, j in np.ndindex(d, d):
+        more = hill_square(hill, own[i] + own[j])
+        less = hill_square(hill, own[i] - own[j])
+        form[i, j] = (more - less) / 4
+    return form
 
 
 class Nodes:
@@ -318,7 +356,8 @@ class Program:
         points = len(w)
         mu = material.lame_mu
         bulk = material.lame_lambda + 2 * mu / self.size
-        h = material.effective_hardening
+        hill = material.hill
+        h = material.effective_hardening if hill is None else material.hardening
         held, values = self.supports()
         across, gaps, rubbing, along = self.rows(set(held.tolist()))
         tresca = problem.friction is not None
@@ -333,6 +372,8 @@ class Program:
         sizes = [self.new(points) for _ in subs]  # >= |p|
         g = sizes[0]
         slips = self.new(len(gaps) if tresca else 0)  # >= |slip|
+        thin = problem.kinematics.thin
+        free = self.new(points if thin else 0)  # eps_zz in plane stress
         law = material.law
         bends = list(law.plastic_strain) if law is not None else []
         parts = self.new(points * len(bends))  # of PEEQ, segment by segment
@@ -341,10 +382,15 @@ class Program:
         each = np.repeat(w, d)
         to_u = select(u, n)
         to_p = select(p, n)
-        quadratic = (trace @ to_u).T @ diags(w * bulk) @ (trace @ to_u)
-        rests = [(1 - sum(s for s, _ in subs), shear @ to_u)]
+        volumes = trace @ to_u
+        shears = shear @ to_u
+        if thin:
+            volumes = volumes + select(free, n)
+            shears = shears + self.across(free, d, n)
+        quadratic = volumes.T @ diags(w * bulk) @ volumes
+        rests = [(1 - sum(s for s, _ in subs), shears)]
         for (share, _), columns in zip(subs, strains, strict=True):
-            rests.append((share, shear @ to_u - select(columns, n)))
+            rests.append((share, shears - select(columns, n)))
         for share, rest in rests:
             quadratic += rest.T @ diags(share * 2 * mu * each) @ rest
         quadratic += to_p.T @ diags(h * each) @ to_p
@@ -361,6 +407,10 @@ class Program:
             linear[p] += each * np.tile(given, points)
         if law is None:
             linear[g] = w * float(problem.beta)
+        if hill is not None:
+            H = material.hardening_modulus * material.yield_stress
+            grows = H**2 * material.hardening_stiffness  # of the bound with g
+            quadratic += select(g, n).T @ diags(w * grows) @ select(g, n)
         if overlay is not None:
             for (share, bound), size in zip(subs, sizes, strict=True):
                 linear[size] = w * share * bound
@@ -386,8 +436,12 @@ class Program:
             )
             zero.append((whole - np.sqrt(2 / 3) * select(g, n), np.zeros(points)))
 
+        measure = identity(d * points, format="csr")
+        if hill is not None:
+            lower = np.linalg.cholesky(hill_form(hill, N))
+            measure = kron(identity(points), np.linalg.inv(lower), format="csr")
         cones = [
-            (self.stacked(size, select(columns, n), d, n), points, d + 1)
+            (self.stacked(size, measure @ select(columns, n), d, n), points, d + 1)
             for size, columns in zip(sizes, strains, strict=True)
         ]
         if tresca:
@@ -400,6 +454,12 @@ class Program:
         found = solve(scale * quadratic, scale * linear, zero, least, cones)
         where = np.array(found.x)[u].reshape(-1, N)
         return Minimum(found.obj_val / scale, where, str(found.status))
+
+    def across(self, free, d, n):
+        """The coordinates of the deviator of eps_zz, from its unknowns at the points."""
+        rows = d * np.arange(len(free)) + 2
+        value = np.full(len(free), -2 / R6)
+        return coo_matrix((value, (rows, free)), shape=(d * len(free), n)).tocsr()
 
     def stacked(self, tops, vectors, size, n):
         """Rows (top, vector) of each cone, one after the other."""

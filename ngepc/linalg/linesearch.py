@@ -13,7 +13,7 @@ from ngepc.checks.declared import Check, Declared
 ROUNDING = 1e-13  # part of the terms of an energy that rounding may change
 SMALLEST = 1e-12  # shorter steps count as failure
 IN_A_ROW = 3  # trials on one side of a zero after which secants are taken to creep
-FLATNESS = 0.2  # ``nearly_flat`` ends where |phi'(t)| <= FLATNESS |phi'(0)|
+FLATNESS = 0.05  # ``nearly_flat`` ends where |phi'(t)| <= FLATNESS |phi'(0)|
 EVALUATIONS = 40  # largest number of trials of ``nearly_flat``
 
 

@@ -42,6 +42,9 @@ SETTLED = 0.5
 QUADRATIC = 5.0
 """After a full step that divides the residual by more, w is set to the radial return."""
 
+NEAR = 1e-2
+"""If it is smaller than this, too, the factors of the tangent give one more step."""
+
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
 
@@ -68,6 +71,10 @@ class ExactTarget:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Take the tangent at a state and solve; FactorisationError if that cannot be done."""
         tangent.linearise(here)
+        return self.step(here, tangent)
+
+    def step(self, here: Iterate, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The same with the last factors of a tangent."""
         return with_contact(here, tangent.solve, self._compliance)
 
 
@@ -107,7 +114,7 @@ def newton_iteration(
             if status is Status.CONVERGED and state.body.contact.friction.d:
                 status, message = uniqueness(state.with_radial_return(), tangent)
             if status is None:
-                following = newton_step(state, tangent, target, before)
+                following = newton_step(state, tangent, target, before, tolerance)
                 before = state.residual_norm
                 if following is None:
                     status, message = no_descent(state)
@@ -144,10 +151,48 @@ def record_of(
 
 
 def newton_step(
-    here: Iterate, tangent: Any, target: Target, before: float | None
+    here: Iterate,
+    tangent: Any,
+    target: Target,
+    before: float | None,
+    tolerance: float = 0.0,
 ) -> tuple[Iterate, float, int] | None:
     """The next state, the step length and its trials; None if no length lowers the energy."""
-    change, contact = target(here, tangent, before)
+    found = searched(here, *target(here, tangent, before))
+    if found is None:
+        return None
+    state, length, trials = found
+    falls = here.residual_norm > QUADRATIC * state.residual_norm
+    if length < 1.0 or here.penetration > here.touching_distance or not falls:
+        return found
+    state = state.with_radial_return()
+    near = tolerance < state.residual_norm < NEAR
+    if near and isinstance(target, ExactTarget):
+        state = corrected(state, tangent, target)
+    return state, length, trials
+
+
+def corrected(state: Iterate, tangent: Any, target: ExactTarget) -> Iterate:
+    """The state after a further step with the same factors, if its residual is smaller.
+
+    One more solve for the factors saves the last ones of Newton's method.
+    """
+    if state.penetration > state.touching_distance:
+        return state
+    found = searched(state, *target.step(state, tangent))
+    if found is None:
+        return state
+    closer, length, _ = found
+    if not closer.residual_norm < state.residual_norm:
+        return state
+    falls = length == 1.0 and state.residual_norm > QUADRATIC * closer.residual_norm
+    return closer.with_radial_return() if falls else closer
+
+
+def searched(
+    here: Iterate, change: np.ndarray, contact: np.ndarray
+) -> tuple[Iterate, float, int] | None:
+    """The state along a step, its length and the trials; None if no length lowers the energy."""
     internal_work, moved = here.along(change)
     rows_slope, held = contact_work(here, change, contact)
     outer_work = here.body.contact.processes.dot(here.body.load - held, change)
@@ -161,13 +206,11 @@ def newton_step(
     found = nearly_flat(slope, slope_rounding(here, change, contact))
     if found is None:
         return None
-    if found[0] < 1.0:
-        return moved(
-            found[0], here.contact + found[0] * (contact - here.contact)
-        ), *found
-    state = moved(1.0, contact)
-    falls = here.residual_norm > QUADRATIC * state.residual_norm
-    return (state.with_radial_return() if falls else state), *found
+    length, trials = found
+    if length == 1.0:
+        return moved(1.0, contact), length, trials
+    forces = here.contact + length * (contact - here.contact)
+    return moved(length, forces), length, trials
 
 
 def slope_rounding(here: Iterate, change: np.ndarray, contact: np.ndarray) -> float:

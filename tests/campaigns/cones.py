@@ -17,6 +17,7 @@ from ngsolve import BND, CF, VOL, Mesh, x
 
 from ngepc import (
     Contact,
+    Hill,
     Material,
     Overlay,
     Problem,
@@ -119,6 +120,27 @@ def with_sub_elements(problem, seed):
     return replace(problem, material=material)
 
 
+def with_axes(problem, seed):
+    """The problem with Hill's ellipsoid in place of the sphere, its axes turned."""
+    random = np.random.default_rng([seed, 3])
+    hill = Hill.r_values(
+        *random.uniform(0.5, 2.5, 3).tolist(), angle=float(random.uniform(0, np.pi))
+    )
+    return replace(problem, material=replace(problem.material, hill=hill))
+
+
+def with_another_law(problem, seed):
+    """Sub-elements, Hill's ellipsoid or plane stress in place of what the problem has."""
+    if problem.kinematics.size < 3:
+        return problem
+    if seed % 5 == 4:
+        problem = with_sub_elements(problem, seed)
+    if seed % 5 in (1, 3):
+        problem = with_axes(problem, seed)
+    thin = problem.N == 2 and (seed % 5 in (2, 3) or seed % 10 == 9)
+    return replace(problem, kinematics="plane stress") if thin else problem
+
+
 def random_problem(seed):
     """Plane or solid, both orders, with or without contact, friction, history, a second body."""
     random = np.random.default_rng(seed)
@@ -165,8 +187,15 @@ def random_problem(seed):
         order=order,
         **data,
     )
-    with_axes = problem.kinematics.size == 3
-    return with_sub_elements(problem, seed) if with_axes and seed % 5 == 4 else problem
+    return with_another_law(problem, seed)
+
+
+def law_of(problem):
+    """The law of a problem in a word, for the table."""
+    material = problem.material
+    surface = "sub-elements" if material.overlay is not None else "von Mises"
+    surface = "Hill" if material.hill is not None else surface
+    return f"{surface}, plane stress" if problem.kinematics.thin else surface
 
 
 @dataclass(eq=False)
@@ -203,6 +232,7 @@ class Cones(Work):
         rough = ", Tresca" if problem.friction is not None else ""
         return {
             "group": f"{problem.N}D, order {problem.order}, {contact}{rough}",
+            "law": law_of(problem),
             "status": result.status.label,
             "conic": found.status,
             "yields": float(result.state.at.yields.mean()),
@@ -214,14 +244,16 @@ class Cones(Work):
         """One line about a problem."""
         said = "DIFFERS" if record["wrong"] else ""
         return (
-            f"{record['number']}: {record['group']}, {record['status']}, {record['conic']}, "
-            f"{record['difference']:.1e} {said}"
+            f"{record['number']}: {record['group']}, {record['law']}, {record['status']}, "
+            f"{record['conic']}, {record['difference']:.1e} {said}"
         )
 
     def table_rows(self, records):
-        """A row for each kind of problem, and one for all."""
+        """A row for each kind of problem, for each law, and one for all."""
         groups = sorted({r["group"] for r in records})
+        laws = sorted({r["law"] for r in records})
         rows = [self._row(g, [r for r in records if r["group"] == g]) for g in groups]
+        rows += [self._row(k, [r for r in records if r["law"] == k]) for k in laws]
         return [*rows, self._row("all", records)]
 
     def _row(self, name, records):
