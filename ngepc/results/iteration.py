@@ -162,8 +162,9 @@ def newton_step(
     if found is None:
         return None
     state, length, trials = found
-    falls = here.residual_norm > QUADRATIC * state.residual_norm
-    if length < 1.0 or here.penetration > here.touching_distance or not falls:
+    if length < 1.0 or here.penetration > here.touching_distance:
+        return found
+    if here.residual_norm <= QUADRATIC * state.residual_norm:
         return found
     state = state.with_radial_return()
     near = tolerance < state.residual_norm < NEAR

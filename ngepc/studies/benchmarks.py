@@ -56,8 +56,9 @@ BENCHMARKS = {
         solids.hill, "R. Hill, The mathematical theory of plasticity, 1950", ""
     ),
     "Prandtl's punch": Benchmark(solids.prandtl, "(2 + pi) k", PEEQ),
-    "SSNP303": Benchmark(
-        materials.three_bars, "NAFEMS; data of Code_Aster V6.03.303", ""
+    "SSNP303": Benchmark(materials.three_sheets, "NAFEMS; Code_Aster V6.03.303", ""),
+    "bars in parallel": Benchmark(
+        materials.three_bars, "J. F. Besseling, 1958: sub-elements", ""
     ),
     "thin ring": Benchmark(materials.ring, "A. Nadai, 1950", PEEQ),
     "turning disc": Benchmark(materials.disc, "limit of the equation of the disc", ""),

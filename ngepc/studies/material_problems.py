@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from ngsolve import CF, Mesh, x, y
+from ngsolve import CF, CoefficientFunction, IfPos, Mesh, x, y, z
 from ngsolve.meshes import MakeStructured2DMesh
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from ngepc.evolution.load_path import Schedule
+from ngepc.evolution.load_path import Schedule, load_cycle
 from ngepc.evolution.material_point import material_point
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block
@@ -25,12 +25,68 @@ from ngepc.studies.solid_problems import Quantity, Solved, metal
 BARS = ((100e3, 3.0), (60e3, 6.0), (40e3, 8.0))
 """Young's modulus and yield stress of the sheets of SSNP303 (MPa)."""
 
+SHEETS = {
+    9.0: ((3.147155, 3.511707, 2.341138), (0.3199571, -0.1900098, -0.1279828)),
+    16.93: ((3.209297, 6.149462, 7.571241), (0.4753345, 0.304849, -0.7863557)),
+}
+"""Force of SSNP303 (N) -> stresses along it and across it in the three sheets (MPa)."""
+
+
+def three_sheets() -> Solved:
+    """SSNP303 (NAFEMS): three sheets without hardening, glued on top of each other, pulled.
+
+    They share the strains in their plane, each has its own strain across.  Hence a thin solid of
+    three layers, which is pulled slowly; it is symmetric to its bottom, so that it does not bend.
+    Stresses between steps are interpolated at the forces of V6.03.303.
+    """
+    thin = 1e-3
+    mesh = block.structured_mesh(1, 1, 3, size=(1.0, 1.0, 3 * thin))
+
+    def by_sheet(values: tuple[float, ...]) -> CoefficientFunction:
+        """A function that has one value in each sheet."""
+        upper = IfPos(z - 2 * thin, values[2], values[1])
+        return IfPos(z - thin, upper, values[0])
+
+    young, stress = zip(*BARS, strict=True)
+    metal = Material.metal(
+        young=by_sheet(young),
+        poisson=0.25,
+        yield_stress=by_sheet(stress),
+        plastic_modulus=0.0,
+    )
+    held = {"left": (0, None, None), "front": (None, 0, None)}
+    held |= {"clamped": (None, None, 0), "right": (2.6e-4, None, None)}
+    problem = Problem(mesh, metal, None, prescribed=held)
+    steps = 120
+    pulled = load_cycle(problem, [k / steps for k in range(1, steps + 1)])
+    run = evolve(problem, pulled).raise_for_status()
+
+    along = np.zeros((steps, 3))
+    across = np.zeros((steps, 3))
+    for sheet in range(3):
+        place = mesh(0.5, 0.5, (sheet + 0.5) * thin)
+        for k, step in enumerate(run.steps):
+            tensor = step.fields.stress(place)
+            along[k, sheet] = tensor[0]
+            across[k, sheet] = tensor[4]
+    forces = along.sum(axis=1)
+    found = []
+    for force, published in SHEETS.items():
+        for name, values, given in zip(
+            ("xx", "yy"), (along, across), published, strict=True
+        ):
+            for sheet in range(3):
+                ours = float(np.interp(force, forces, values[:, sheet]))
+                title = f"stress {name}, sheet {sheet + 1}, P = {force:g}"
+                found.append(Quantity(title, given[sheet], "P", 0.02, ours))
+    return run.steps[-1].solution, found
+
 
 def three_bars() -> Solved:
-    """SSNP303 (NAFEMS): three sheets without hardening on top of each other, pulled.
+    """Three bars in parallel as sub-elements of one material in plane stress, in closed form.
 
-    The sheets are sub-elements of one material, with the sum of their moduli; the reference is that
-    of bars in parallel.  V6.03.303 gives the data.
+    Young's moduli and yield stresses are those of SSNP303, whose sheets are not sub-elements: each
+    of them is in plane stress.
     """
     stiffness = sum(young for young, _ in BARS)
 
