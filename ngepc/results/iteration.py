@@ -168,7 +168,7 @@ def newton_step(
         return found
     state = state.with_radial_return()
     near = tolerance < state.residual_norm < NEAR
-    if near and isinstance(target, ExactTarget):
+    if near and state.rounding <= tolerance and isinstance(target, ExactTarget):
         state = corrected(state, tangent, target)
     return state, length, trials
 

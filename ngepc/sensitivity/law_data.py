@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from ngsolve import Mesh
@@ -72,6 +72,28 @@ class PartDatum:
         table = list(getattr(given, self.field))
         table[self.entry] = value
         return {self.field: tuple(table)}
+
+
+def numbers_of(material: Material) -> dict[str, float]:
+    """The data of a material and of its parts that are numbers, by the names of parameters."""
+    found = {}
+    for field in fields(material):
+        value = getattr(material, field.name)
+        if is_number(value) and material.overlay is None:
+            found[field.name] = float(value)
+        if field.name not in PARTS or value is None:
+            continue
+        for name, datum in vars(value).items():
+            whole = f"{field.name}.{name}"
+            if is_number(datum):
+                found[whole] = float(datum)
+            for k, one in enumerate(datum if isinstance(datum, tuple) else ()):
+                if is_number(one):
+                    found[f"{whole}[{k}]"] = float(one)
+    if material.overlay is not None:
+        elastic = {name: getattr(material, name) for name in ("lame_lambda", "lame_mu")}
+        found |= {name: float(v) for name, v in elastic.items() if is_number(v)}
+    return found
 
 
 def follows_law(material: Material, mesh: Mesh) -> bool:

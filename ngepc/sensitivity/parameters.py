@@ -241,11 +241,8 @@ def _material(state: State, datum: str, change: Coefficient) -> Data:
     points = state.discrete.points
     require_coefficient(datum, change)
     alpha_1, _ = split_hardening(problem.initial_hardening)
-    known = (
-        vars(problem.material)
-        | dict.fromkeys(PARTS)
-        | {"alpha_1": alpha_1 or 0.0, "change": change}
-    )
+    known = {name: getattr(problem.material, name) for name in MATERIAL}
+    known |= {"alpha_1": alpha_1 or 0.0, "change": change}
     known = {
         n: v if v is None or is_number(v) else points.at(v) for n, v in known.items()
     }

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
 
 import numpy as np
 
-from ngepc.checks.arguments import is_number, require_vector
+from ngepc.checks.arguments import require_vector
 from ngepc.checks.kinds import require_instance, require_text
 from ngepc.evolution.load_path import scaled
 from ngepc.local.result import ExactResult
@@ -16,6 +15,7 @@ from ngepc.model.data import moved_gap
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.gradient import gradient
+from ngepc.sensitivity.law_data import numbers_of, with_constants
 from ngepc.sensitivity.parameters import Direction
 
 FACTORS = ("traction", "pressure", "body_force", "prescribed")
@@ -35,7 +35,8 @@ class Response:
     functional
         As for ``gradient``: "contact_force", ``Reaction(...)``, ...
     parameters
-        The components of theta: names of numbers of the material, such as "yield_stress"; "gap",
+        The components of theta: names of numbers of the material, such as "yield_stress",
+        "law.saturation", "rate.overstress", "hill.N" or "overlay.bounds[0]"; "gap",
         the distance by which the obstacles are moved away; "traction", "pressure", "body_force" or
         "prescribed", factors of the given values.
 
@@ -88,9 +89,8 @@ class Response:
                 changes[name] = moved_gap(given, value)
             else:
                 constants[name] = value
-        if constants:
-            changes["material"] = replace(self.problem.material, **constants)
-        return self.problem.changed(**changes)
+        problem = self.problem.changed(**changes)
+        return with_constants(problem, constants) if constants else problem
 
     @property
     def _directions(self) -> dict[str, Direction]:
@@ -108,12 +108,8 @@ class Response:
         if name in (*FACTORS, "gap"):
             if getattr(problem, name) is not None:
                 return 0.0 if name == "gap" else 1.0
-        elif name in [field.name for field in fields(problem.material)]:
-            value = getattr(problem.material, name)
-            if is_number(value):
-                return float(value)
-        numbers = [n for n, v in vars(problem.material).items() if is_number(v)]
+        elif name in (numbers := numbers_of(problem.material)):
+            return numbers[name]
         there = [n for n in (*FACTORS, "gap") if getattr(problem, n) is not None]
-        raise ValueError(
-            f"parameters: {name!r} is none of {', '.join([*numbers, *there])}"
-        )
+        legal = ", ".join([*numbers_of(problem.material), *there])
+        raise ValueError(f"parameters: {name!r} is none of {legal}")

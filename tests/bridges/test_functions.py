@@ -8,9 +8,17 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ngepc import Reaction, Response, lshape_problem, semismooth_newton
+from ngepc import (
+    Material,
+    Norton,
+    Problem,
+    Reaction,
+    Response,
+    lshape_problem,
+    semismooth_newton,
+)
 from ngepc.bridges import jax_function, torch_function
-from ngepc.geometries import lshape
+from ngepc.geometries import block, lshape
 
 NAMES = ("yield_stress", "hardening", "traction", "gap")
 
@@ -135,3 +143,33 @@ def test_what_pytorch_is_given(monkeypatch):
     value, backward = torch_function(Square())(theta)
     assert value == pytest.approx(POINT @ POINT, rel=1e-15)
     np.testing.assert_allclose(backward(3.0), 6.0 * POINT, rtol=1e-15)
+
+
+STEEL = {"young": 200e3, "poisson": 0.3}
+CURVE = [(0.001, 200.0), (0.002, 300.0), (0.005, 380.0)]
+METALS = {
+    "lame_mu": Material.metal(**STEEL, yield_stress=200.0, plastic_modulus=4e3),
+    "overlay.bounds[0]": Material.cyclic(**STEEL, curve=CURVE),
+    "overlay.shares[1]": Material.cyclic(**STEEL, curve=CURVE),
+    "rate.overstress": Material.metal(
+        **STEEL, yield_stress=150.0, plastic_modulus=4e3, rate=Norton(300.0, 5.0)
+    ),
+    "law.stress_there[1]": Material.metal(**STEEL, curve=CURVE),
+}
+
+
+@pytest.mark.parametrize("name", METALS)
+def test_parameters_are_data_of_metals_and_of_their_parts(name):
+    metal = METALS[name]
+    problem = Problem(
+        block.structured_mesh(3, 3, simplices=True),
+        metal,
+        prescribed={"contact": (0.0, -3e-3)},
+        duration=1.0 if metal.rate is not None else None,
+    )
+    f = Response(problem, "elastic_energy", [name])
+    _, slopes = f(f.start)
+    step = 1e-5 * f.start
+    difference = (f(f.start + step)[0] - f(f.start - step)[0]) / (2 * step)
+    assert abs(difference) > 0
+    assert slopes == pytest.approx(difference, rel=1e-5)
