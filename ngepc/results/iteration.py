@@ -164,13 +164,23 @@ def newton_step(
     state, length, trials = found
     if length < 1.0 or here.penetration > here.touching_distance:
         return found
-    if here.residual_norm <= QUADRATIC * state.residual_norm:
+    if not converges(here, state):
         return found
-    state = state.with_radial_return()
+    state = settled(here, state)
     near = tolerance < state.residual_norm < NEAR
     if near and state.rounding <= tolerance and isinstance(target, ExactTarget):
         state = corrected(state, tangent, target)
     return state, length, trials
+
+
+def converges(here: Iterate, following: Iterate) -> bool:
+    """Whether a step divides the residual by more than ``QUADRATIC``."""
+    return here.residual_norm > QUADRATIC * following.residual_norm
+
+
+def settled(here: Iterate, following: Iterate) -> Iterate:
+    """The state after a step, with w by radial return if the step converges."""
+    return following.with_radial_return() if converges(here, following) else following
 
 
 def corrected(state: Iterate, tangent: Any, target: ExactTarget) -> Iterate:
@@ -186,8 +196,7 @@ def corrected(state: Iterate, tangent: Any, target: ExactTarget) -> Iterate:
     closer, length, _ = found
     if not closer.residual_norm < state.residual_norm:
         return state
-    falls = length == 1.0 and state.residual_norm > QUADRATIC * closer.residual_norm
-    return closer.with_radial_return() if falls else closer
+    return settled(state, closer) if length == 1.0 else closer
 
 
 def searched(
