@@ -168,7 +168,8 @@ def newton_step(
         return found
     state = settled(here, state)
     near = tolerance < state.residual_norm < NEAR
-    if near and state.rounding <= tolerance and isinstance(target, ExactTarget):
+    exact = state.rounding < NEAR * state.residual_norm
+    if near and exact and isinstance(target, ExactTarget):
         state = corrected(state, tangent, target)
     return state, length, trials
 
