@@ -111,17 +111,16 @@ FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 6)}  # by dimensi
 
 def check_covered(problem: Problem) -> None:
     """Refuse problems without a guaranteed bound with a ValueError that names the argument."""
-    covers = COVERS
-    what = "a bound"
+    advice = "; error_indicators(result) estimates, without a guarantee"
+    if has_straight_simplices(problem.mesh):
+        advice = ""
+    require_covered(problem, "a bound", COVERS, advice)
     if problem.N == 3 and problem.order == 2:
         covers = COVERS - {"friction"}
-        what = "a bound of order 2 in three dimensions"
+        require_covered(problem, "a bound of order 2 in three dimensions", covers)
     if problem.kinematics.thin:
         covers = COVERS - {"order 2"}  # eps_zz is no polynomial on a cell
-        what = "a bound in plane stress"
-    advice = "; error_indicators(result) estimates, without a guarantee"
-    straight = has_straight_simplices(problem.mesh)
-    require_covered(problem, what, covers, "" if straight else advice)
+        require_covered(problem, "a bound in plane stress", covers)
     material = problem.material
     scalar, back = problem.alpha_0
     coefficients = {
