@@ -74,7 +74,7 @@ class PartDatum:
         return {self.field: tuple(table)}
 
 
-def numbers_of(material: Material) -> dict[str, float]:
+def numeric_data(material: Material) -> dict[str, float]:
     """The data of a material and of its parts that are numbers, by the names of parameters."""
     found = {}
     for field in fields(material):

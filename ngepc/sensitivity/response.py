@@ -15,7 +15,7 @@ from ngepc.model.data import moved_gap
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.functionals import Form, Functional, as_functional
 from ngepc.sensitivity.gradient import gradient
-from ngepc.sensitivity.law_data import numbers_of, with_constants
+from ngepc.sensitivity.law_data import numeric_data, with_constants
 from ngepc.sensitivity.parameters import Direction
 
 FACTORS = ("traction", "pressure", "body_force", "prescribed")
@@ -108,8 +108,8 @@ class Response:
         if name in (*FACTORS, "gap"):
             if getattr(problem, name) is not None:
                 return 0.0 if name == "gap" else 1.0
-        elif name in (numbers := numbers_of(problem.material)):
+        elif name in (numbers := numeric_data(problem.material)):
             return numbers[name]
         there = [n for n in (*FACTORS, "gap") if getattr(problem, n) is not None]
-        legal = ", ".join([*numbers_of(problem.material), *there])
+        legal = ", ".join([*numeric_data(problem.material), *there])
         raise ValueError(f"parameters: {name!r} is none of {legal}")
