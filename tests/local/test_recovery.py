@@ -132,7 +132,7 @@ SHAPES = {
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_other_shapes_have_an_estimate(shape, order):
-    """Against the energy of half the mesh width, which has about a third of the error."""
+    """Against the energy of two thirds of the mesh width, which has about half of the error."""
     steel = indented_block(0).material
     n = 8 if shape == "quadrilaterals" else 4
     load = (4.0, 1.0) if shape == "quadrilaterals" else (4.0, 1.0, 0.0)
@@ -140,9 +140,9 @@ def test_other_shapes_have_an_estimate(shape, order):
         semismooth_newton(
             Problem(SHAPES[shape](k), steel, traction={"contact": load}, order=order)
         )
-        for k in (n, 2 * n)
+        for k in (n, 3 * n // 2)
     )
-    error = 1.5 * (coarse.primal_energy - fine.primal_energy)
+    error = 2 * (coarse.primal_energy - fine.primal_energy)
     assert coarse.state.at.yields.any()
     assert 0.3 * error < estimate(coarse) < 2 * error
     assert error_indicators(coarse).vec.FV().NumPy().min() >= 0
