@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise
 from typing import Annotated
 
 import numpy as np
@@ -33,7 +33,7 @@ ACCURACY = 1e-8
 """Relative residual of ``solve``, for callers that need accurate solutions."""
 
 CHUNK = 250_000
-"""Entries of a matrix that are filled at once: numpy makes arrays of indices of twice the size."""
+"""Entries of a matrix that are filled at once: NumPy and SciPy make copies of them."""
 
 Preconditioner = Callable[[csr_matrix, csr_matrix], Linear]
 """A tangent, and the same with closed rows pinned -> a symmetric positive definite map of vectors.
@@ -68,23 +68,18 @@ class FullPattern:
     """
 
     def __init__(self, lower: Blocks) -> None:
-        i, j, nodes, N = lower.rows, lower.columns, len(lower.free), lower.N
-        numbers = np.arange(1, len(i) * N * N + 1, dtype=np.int32).reshape(-1, N, N)
-
-        def placed(kept: np.ndarray | slice) -> bsr_matrix:
-            """The kept entries as a matrix of nodal blocks."""
-            starts = np.searchsorted(i[kept], np.arange(nodes + 1))
-            return bsr_matrix(
-                (numbers[kept], j[kept], starts), shape=(N * nodes, N * nodes)
-            )
-
-        whole = placed(slice(None)) + placed(i != j).T
+        nodes = len(lower.free)
+        self._N = lower.N
+        strict = lower.rows != lower.columns
+        numbers = np.arange(1, len(strict) + 1, dtype=np.int32)
+        below = placed(lower, slice(None), numbers)
+        above = placed(lower, strict, -numbers).T.tocsr()
+        whole = below + above
+        self._source = whole.data  # number of a block from 1 on, negative if transposed
         ones = np.ones(len(whole.indices), dtype=np.int32)
-        self.blocks = csr_matrix(
-            (ones, whole.indices, whole.indptr), shape=(nodes, nodes)
-        )
-        self._source = whole.tocsr()
-        self._source.data -= 1
+        self.blocks = csr_matrix((ones, whole.indices, whole.indptr), (nodes, nodes))
+        self._rows = rows_in_portions(whole.indptr, CHUNK // self._N**2)
+        self._columns: np.ndarray | None = None
         kept = diags(lower.free.any(axis=1), dtype=np.int32)
         self.graph = (kept @ self.blocks @ kept).tocsr()
         self.graph.eliminate_zeros()
@@ -92,20 +87,57 @@ class FullPattern:
 
     def matrix(self, lower: np.ndarray, before: csr_matrix | None = None) -> csr_matrix:
         """The matrix from its blocks, (blocks, N, N), in the place of an earlier one."""
-        source = self._source
-        if before is None:
-            values = np.empty(len(source.data))
-            parts = values, source.indices, source.indptr
-            before = csr_matrix(parts, shape=source.shape)
-        flat = lower.ravel()
+        N = self._N
+        size = N * N * len(self._source)
+        values = np.empty(size) if before is None else before.data
+        first = self._columns is None
+        if first:
+            self._columns = np.empty(size, dtype=np.int32)
 
-        def fill(first: int) -> None:
-            """Enter a portion of the values."""
-            part = slice(first, first + CHUNK)
-            before.data[part] = flat[source.data[part]]
+        def fill(rows: slice) -> None:
+            """Enter the values of the blocks of some nodes."""
+            part = self._part(lower, rows)
+            start = N * N * self.blocks.indptr[rows.start]
+            here = slice(start, start + part.nnz)
+            values[here] = part.data
+            if first:
+                self._columns[here] = part.indices
 
-        deque(in_portions(fill, range(0, len(source.data), CHUNK)), maxlen=0)
-        return before
+        deque(in_portions(fill, self._rows), maxlen=0)
+        if before is not None:
+            return before
+        widths = np.repeat(N * np.diff(self.blocks.indptr), N)
+        starts = np.append(0, np.cumsum(widths)).astype(np.int32)
+        shape = (len(widths), len(widths))
+        return csr_matrix((values, self._columns, starts), shape=shape)
+
+    def _part(self, lower: np.ndarray, rows: slice) -> csr_matrix:
+        """The rows of the matrix that belong to some nodes."""
+        starts = self.blocks.indptr[rows.start : rows.stop + 1]
+        here = slice(starts[0], starts[-1])
+        source = self._source[here]
+        values = lower[np.abs(source) - 1]
+        above = source < 0
+        values[above] = values[above].swapaxes(1, 2)
+        shape = (self._N * (rows.stop - rows.start), self._N * self.blocks.shape[1])
+        arrays = (values, self.blocks.indices[here], starts - starts[0])
+        return bsr_matrix(arrays, shape=shape).tocsr()
+
+
+def placed(lower: Blocks, kept: slice | np.ndarray, numbers: np.ndarray) -> csr_matrix:
+    """A number for each of the kept pairs of nodes, where its block is."""
+    nodes = len(lower.free)
+    starts = np.searchsorted(lower.rows[kept], np.arange(nodes + 1))
+    arrays = (numbers[kept], lower.columns[kept], starts.astype(np.int32))
+    return csr_matrix(arrays, shape=(nodes, nodes))
+
+
+def rows_in_portions(starts: np.ndarray, size: int) -> list[slice]:
+    """Rows of a CSR pattern in portions of about so many entries, at least one row each."""
+    count = len(starts) - 1
+    entries = np.arange(0, starts[-1], size)
+    ends = np.unique(np.append(np.searchsorted(starts, entries), [0, count]))
+    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 class IterativeTangent:

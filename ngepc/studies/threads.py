@@ -80,7 +80,7 @@ class Threads(Work):
         """One body with a number of threads."""
         return in_own_process(solved_by_threads, body, threads)
 
-    def told(self, records: Sequence[dict]) -> list[dict]:
+    def table_rows(self, records: Sequence[dict]) -> list[dict]:
         """The records with the ratio of wall times."""
         alone = {r["body"]: r["wall_s"] for r in records if r["threads"] == 1}
         return [r | {"ratio": r["wall_s"] / alone[r["body"]]} for r in records]
