@@ -1,5 +1,6 @@
 """Projected conjugate gradients and the active sets of contact, without any library."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,12 @@ from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.closed import Closed, TangentialRows
-from ngepc.local.iterative import FullPattern, Iterative, IterativeTangent
+from ngepc.local.iterative import (
+    FullPattern,
+    Iterative,
+    IterativeTangent,
+    rows_in_portions,
+)
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly, starting_state
 from ngepc.local.system import DiscreteProblem
@@ -184,3 +190,12 @@ def test_linear_systems_are_solved_as_exactly_as_the_step_deserves(discrete):
     tenth_of_the_tolerance = 0.1 * 1e-3
     assert target.accuracy(1e-7, 1e-2) == pytest.approx(tenth_of_the_tolerance)
     assert target.accuracy(2e-10, 1e-7) == pytest.approx(0.1 * 0.5)
+
+
+def test_portions_of_rows_follow_each_other():
+    starts = np.array([0, 3, 3, 10, 11, 30])
+    for size in (1, 4, 12, 100):
+        portions = rows_in_portions(starts, size)
+        assert portions[0].start == 0
+        assert portions[-1].stop == 5
+        assert all(a.stop == b.start for a, b in pairwise(portions))
