@@ -9,16 +9,13 @@ from ngepc.model.elements import has_straight_simplices
 
 DIRECT = "sparsecholesky"
 
-MOST_BY_FACTORS = 5000
-MOST_BY_FACTORS_DENSE = 12000
+MOST_BY_FACTORS = 4500
+MOST_BY_FACTORS_DENSE = 7000
 """Free components of displacements up to which factors are faster in three dimensions, as measured;
 the second number is for elements of order 2 that are no tetrahedra, whose rows are long."""
 
 MOST_BY_FACTORS_TRESCA = 1000
 """The same with Tresca's friction, under which the forces of all contact rows are unknowns."""
-
-DENSER = 1.5
-"""PyAMG is slower than PETSc by this factor, so that the threshold is larger."""
 
 
 def fastest_solver(body: DiscreteProblem) -> str | Iterative:
@@ -34,14 +31,15 @@ def fastest_solver(body: DiscreteProblem) -> str | Iterative:
     if problem.N == 2:
         return DIRECT
     fast = petsc.petsc is not None
-    most = most_by_factors(body) * (1.0 if fast else DENSER)
-    if int(body.free.sum()) <= most or not (fast or pyamg.pyamg is not None):
+    if int(body.free.sum()) <= most_by_factors(body) or not (
+        fast or pyamg.pyamg is not None
+    ):
         return DIRECT
     return petsc.PETSc() if fast else pyamg.PyAMG()
 
 
 def most_by_factors(body: DiscreteProblem) -> float:
-    """Free components of displacements of a solid up to which PETSc takes longer than factors.
+    """Free components of displacements of a solid up to which multigrid takes longer than factors.
 
     Where the body is nearly incompressible multigrid needs more iterations.
     """
