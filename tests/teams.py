@@ -145,11 +145,20 @@ class Jacobi(Iterative):
     """Conjugate gradients with the inverse of the diagonal, for small bodies in parts."""
 
     def preconditioner(self, pattern, body):
-        processes = body.contact.processes
-        shape = body.free.shape
+        return SharedDiagonal(body)
 
-        def of(tangent, pinned):
-            diagonal = processes.summed(pinned.diagonal().reshape(shape)).ravel()
-            return lambda residual: residual / diagonal
 
-        return of
+class SharedDiagonal:
+    """The diagonal of the sum over processes."""
+
+    def __init__(self, body):
+        self._processes = body.contact.processes
+        self._shape = body.free.shape
+
+    def coarsen(self, matrix):
+        pass
+
+    def update(self, pinned):
+        own = pinned.diagonal().reshape(self._shape)
+        diagonal = self._processes.summed(own).ravel()
+        return lambda residual: residual / diagonal

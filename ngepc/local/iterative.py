@@ -8,10 +8,9 @@ iterations work with an elasticity matrix alone.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice, pairwise
-from typing import Annotated
+from typing import Annotated, Protocol
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags
@@ -35,12 +34,19 @@ ACCURACY = 1e-8
 CHUNK = 250_000
 """Entries of a matrix that are filled at once: NumPy and SciPy make copies of them."""
 
-Preconditioner = Callable[[csr_matrix, csr_matrix], Linear]
-"""A tangent, and the same with closed rows pinned -> a symmetric positive definite map of vectors.
 
-The first tangent determines the coarse spaces, the second one is preconditioned.  Each process has
-the matrices of its own elements.  Both matrices are the same objects in each call, with new values.
-"""
+class Preconditioner(Protocol):
+    """Symmetric positive definite maps of vectors for tangents with closed rows pinned.
+
+    Each process has the matrices of its own elements.  All matrices are the same object, with new
+    values in each call.
+    """
+
+    def coarsen(self, matrix: csr_matrix) -> None:
+        """Make coarse spaces for the first tangent, in which nothing is pinned."""
+
+    def update(self, pinned: csr_matrix) -> Linear:
+        """The map for a pinned tangent."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,6 +146,21 @@ def rows_in_portions(starts: np.ndarray, size: int) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
+def symmetric_blocks(
+    rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray, nodes: int
+) -> csr_matrix:
+    """The symmetric matrix of some blocks (k, N, N) on and below the diagonal, by numbers."""
+    strict = rows != columns
+    N = blocks.shape[1]
+    i = np.append(rows, columns[strict])
+    j = np.append(columns, rows[strict])
+    values = np.concatenate([blocks, blocks[strict].swapaxes(1, 2)])
+    order = np.argsort(i, kind="stable")
+    starts = np.searchsorted(i[order], np.arange(nodes + 1))
+    arrays = (values[order], j[order], starts)
+    return bsr_matrix(arrays, shape=(N * nodes, N * nodes)).tocsr()
+
+
 class IterativeTangent:
     """A tangent that is never factorised, with a new hierarchy for each state.
 
@@ -161,7 +182,8 @@ class IterativeTangent:
         self._pattern = FullPattern(stiffness)
         self._preconditioner = solver.preconditioner(self._pattern, body)
         self._lower: np.ndarray | None = None
-        self._pinned: csr_matrix | None = None
+        self._left_out: csr_matrix | None = None
+        self._precondition: Linear | None = None
         self.matrix: csr_matrix | None = None
         self.back_substitutions = self.linear_iterations = 0
 
@@ -172,18 +194,21 @@ class IterativeTangent:
         self.matrix = self._pattern.matrix(self._lower, before)
         if before is None:
             self._product = Product(self.matrix)
+        self._left_out = None
         self.back_substitutions = self.linear_iterations = 0
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The tangent times nodal displacements, flat."""
-        return self._processes.summed(
-            (self._product @ x).reshape(self._body.free.shape)
-        ).ravel()
+        image = self._product @ x
+        if self._left_out is not None:
+            image += self._left_out @ x
+        return self._processes.summed(image.reshape(self._body.free.shape)).ravel()
 
     def prepare(self, closed: Closed) -> None:
         """Make a hierarchy for the present tangent and closed rows if there is none yet.
 
-        Pinned directions are projected out of the blocks and get a diagonal of similar size.
+        Pinned directions are projected out of the blocks and get a diagonal of similar size.  The
+        matrix is stored once: what pinning changes is added to products.
         """
         if self._lower is None:
             return
@@ -201,10 +226,15 @@ class IterativeTangent:
         after = padded[place[rows[hit]]] @ before @ padded[place[columns[hit]]]
         size = np.trace(before[same], axis1=1, axis2=2)[:, None, None] / N
         after[same] += size * (np.eye(N) - padded[place[rows[hit[same]]]])
+        if self._precondition is None:
+            self._preconditioner.coarsen(self.matrix)
         values[hit] = after
+        self._left_out = symmetric_blocks(
+            rows[hit], columns[hit], before - after, len(place)
+        )
         self._lower = None
-        self._pinned = self._pattern.matrix(values, self._pinned)
-        self._precondition = self._preconditioner(self.matrix, self._pinned)
+        self.matrix = self._pattern.matrix(values, self.matrix)
+        self._precondition = self._preconditioner.update(self.matrix)
 
     def solve(self, forces: np.ndarray, accuracy: float = ACCURACY) -> np.ndarray:
         """Displacements, zero where held, that answer nodal forces; both (nodes, N).

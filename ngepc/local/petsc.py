@@ -100,7 +100,7 @@ class PETSc(Iterative):
         self, pattern: FullPattern, body: DiscreteBody
     ) -> Preconditioner:
         """A preconditioner of PETSc that is set up anew for each matrix."""
-        return PETScPreconditioner(pattern, body, self.options).updated
+        return PETScPreconditioner(pattern, body, self.options)
 
 
 class PETScPreconditioner:
@@ -129,14 +129,18 @@ class PETScPreconditioner:
         self._graph = pattern.graph[own][:, own]
         self._modes = self._orthonormal(low_energy_modes(body))
 
-    def updated(self, matrix: csr_matrix, pinned: csr_matrix) -> Linear:
-        """The preconditioner for a pinned tangent, see ``Preconditioner``."""
-        if self._levels and self._spaces is None:
-            whole = self._filled(matrix)
-            given = whole, self._modes.T, self._graph, self._processes
-            self._spaces = interpolations(*given)
-            if whole is not self._matrix:
-                whole.destroy()
+    def coarsen(self, matrix: csr_matrix) -> None:
+        """See ``Preconditioner``."""
+        if not self._levels:
+            return
+        whole = self._filled(matrix)
+        given = whole, self._modes.T, self._graph, self._processes
+        self._spaces = interpolations(*given)
+        if whole is not self._matrix:
+            whole.destroy()
+
+    def update(self, pinned: csr_matrix) -> Linear:
+        """See ``Preconditioner``."""
         if self._matrix is None:
             self._matrix = self._filled(pinned)
         elif self._shared:

@@ -54,25 +54,34 @@ class PyAMG(Iterative):
     ) -> Preconditioner:
         """V-cycles on the coarse spaces of the first tangent."""
         require_whole("inverse=PyAMG()", body.problem.mesh)
-        modes = low_energy_modes(body)
-        N = body.problem.N
-        sets = split_unknowns(pattern.blocks, body) if len(modes) >= LARGE else None
+        return VCycles(pattern, body)
+
+
+class VCycles:
+    """V-cycles on the coarse spaces of the first tangent, see ``Preconditioner``."""
+
+    def __init__(self, pattern: FullPattern, body: DiscreteBody) -> None:
+        self._N = body.problem.N
+        self._modes = low_energy_modes(body)
+        self._sets: list[np.ndarray] | None = None
+        if len(self._modes) >= LARGE:
+            self._sets = split_unknowns(pattern.blocks, body)
+        self._spaces: list[csr_matrix] = []
+
+    def coarsen(self, matrix: csr_matrix) -> None:
+        """See ``Preconditioner``."""
+        self._spaces = coarse_spaces(matrix, self._modes, self._N)
+
+    def update(self, pinned: csr_matrix) -> Linear:
+        """See ``Preconditioner``."""
         sweep = pyamg.amg_core.gauss_seidel_indexed
-        spaces = []
-
-        def prepared(matrix: csr_matrix, pinned: csr_matrix) -> Linear:
-            """The preconditioner for a pinned tangent; coarse spaces are made once."""
-            if not spaces:
-                spaces.extend(coarse_spaces(matrix, modes, N))
-            levels = []
-            for space in spaces:
-                level = Level(pinned, space, sweep, None if levels else sets)
-                levels.append(level)
-                pinned = (level.restriction @ pinned @ space).tocsr()
-            coarsest = partial(pyamg.coarse_grid_solver("splu"), pinned)
-            return partial(v_cycle, levels, coarsest)
-
-        return prepared
+        levels = []
+        for space in self._spaces:
+            level = Level(pinned, space, sweep, None if levels else self._sets)
+            levels.append(level)
+            pinned = (level.restriction @ pinned @ space).tocsr()
+        coarsest = partial(pyamg.coarse_grid_solver("splu"), pinned)
+        return partial(v_cycle, levels, coarsest)
 
 
 def split_unknowns(blocks: csr_matrix, body: DiscreteBody) -> list[np.ndarray]:

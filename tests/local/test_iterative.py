@@ -25,11 +25,20 @@ from ngepc.results.iteration import newton_iteration
 from ngepc.studies.large import indented_block
 
 
+class Diagonal:
+    def coarsen(self, matrix):
+        pass
+
+    def update(self, pinned):
+        diagonal = pinned.diagonal()
+        return lambda r: r / diagonal
+
+
 class Plain(Iterative):
     """Conjugate gradients with nothing but the diagonal."""
 
     def preconditioner(self, pattern, body):
-        return lambda matrix, pinned: lambda r: r / pinned.diagonal()
+        return Diagonal()
 
 
 @pytest.fixture(scope="module", params=[1, 2], ids=["order 1", "order 2"])
@@ -199,3 +208,17 @@ def test_portions_of_rows_follow_each_other():
         assert portions[0].start == 0
         assert portions[-1].stop == 5
         assert all(a.stop == b.start for a, b in pairwise(portions))
+
+
+def test_products_are_those_of_the_tangent_after_rows_are_pinned(discrete):
+    """The matrix is stored once, pinned; what that leaves out is added."""
+    tangent = tangent_of(discrete)
+    tangent.linearise(starting_state(discrete, None))
+    x = np.random.default_rng(5).standard_normal(discrete.free.size)
+    before = tangent.multiply(x)
+    whole = tangent.matrix.toarray()
+    tangent.prepare(Closed(discrete, np.ones(len(discrete.rows), dtype=bool)))
+    assert np.abs(tangent.matrix.toarray() - whole).max() > 1e-3 * np.abs(whole).max()
+    assert tangent.multiply(x) == pytest.approx(
+        before, abs=1e-12 * np.abs(before).max()
+    )
