@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ngepc.bounds.supremum import Arc
+from ngepc.bounds.supremum import Arc, ScaledLaw
 
 
 @pytest.fixture
@@ -53,3 +53,36 @@ def test_nowhere_on_the_arc_it_bends_less(arc):
     least = arc._least_bend()
     assert (least <= bends.min(axis=0) + 1e-12 * np.abs(bends).max(axis=0)).all()
     assert (least >= bends[-1] - 2 * arc.slope - 1e-12 * np.abs(bends[-1])).all()
+
+
+@pytest.mark.parametrize("d", [2, 3, 5])
+def test_the_potential_is_a_supremum_of_affine_functions(d):
+    """Phi(q, w) = sup over t of q : t/(2 mu_2) + w : S(t) - lambda t : S(t)/(2 mu_2)."""
+    random = np.random.default_rng(d)
+    n = 100
+    two_mu = random.uniform(1.0, 3.0, n)
+    hardening = two_mu * 10 ** random.uniform(-2, 0, n)
+    beta = random.uniform(0.5, 2.0, n)
+    factor = 1.7
+    law = ScaledLaw.of(two_mu, hardening, beta, factor)
+    pulled, w = random.normal(size=(2, n, 3, d))
+    found, smooth = law.potential(pulled, w)
+    size = np.sqrt((pulled**2).sum(axis=2)) + np.sqrt((w**2).sum(axis=2))
+
+    best = np.full((n, 3), -np.inf)
+    modulus = two_mu + hardening
+    for _ in range(4000):
+        t = random.normal(size=(n, 3, d)) * 10 ** random.uniform(-1, 2, (n, 3, 1))
+        length = np.sqrt((t**2).sum(axis=2))
+        share = np.minimum(beta[:, None] / length, 1.0)
+        kept = (hardening[:, None] + two_mu[:, None] * share) / modulus[:, None]
+        stress = kept[..., None] * t
+        value = (pulled * t + w * stress).sum(axis=2)
+        value -= factor / two_mu[:, None] * (t * stress).sum(axis=2)
+        best = np.maximum(best, value)
+    assert (best <= found + 1e-12 * size).all()
+    assert np.median(best / found) > 0.7
+
+    middle, _ = law.potential(pulled.mean(axis=1)[:, None], w.mean(axis=1)[:, None])
+    assert (middle[:, 0] <= found.mean(axis=1) * (1 + 1e-4)).all()
+    assert 0.0 < smooth.mean() < 1.0
