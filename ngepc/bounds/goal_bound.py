@@ -40,7 +40,7 @@ from ngepc.discretisation.factors import Factors
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
-from ngepc.model.features import require_covered
+from ngepc.model.features import FEATURES, require_covered
 
 COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
 """Features that goal bounds cover."""
@@ -209,7 +209,8 @@ class GoalProblem:
         ``compliance`` is a guess of that of the contact rows, from Newton's method for example.
         """
         made = cls.__new__(cls)
-        require_covered(bound_data.problem, "a goal bound", COVERS)
+        bounded = FEATURES.keys() - BOUNDED  # refused by the error bound already
+        require_covered(bound_data.problem, "a goal bound", COVERS | bounded)
         made._take(bound_data, bound, tangent, search, compliance)
         return made
 

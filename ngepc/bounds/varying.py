@@ -28,7 +28,7 @@ from ngepc.bounds.supremum import (
 
 SPLITS = {4: 2, 6: 3}
 """Most levels of cutting, by the number of coefficients on a part."""
-WORTH = 0.1
+WORTH = {4: 0.05, 6: 0.1}
 """What bounds may exceed the integrals by, as a part of them."""
 NAMES = ("tau", "sigma", "volume", "trial", "back", "trace", "strain")
 
@@ -200,7 +200,7 @@ def integrals(data: VaryingData, factor: float, count: int) -> np.ndarray:
         found, smooth = law.potential(pulled, w)
         bound = volume * found.mean(axis=1)
         bound = np.where(smooth.all(axis=1), estimate, bound)
-        kept = worth_keeping(bound - estimate, WORTH * total)
+        kept = worth_keeping(bound - estimate, WORTH[k] * total)
         if level == SPLITS[k]:
             kept[:] = True
         result += np.bincount(owner[kept], bound[kept], minlength=count)
