@@ -24,6 +24,7 @@ from ngepc.bounds.conjugate import Conjugate
 from ngepc.bounds.data import BoundData, feasible_state, strain_coordinates
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.solid import SolidBoundData
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.sampled import sampled_data, what_is_unseen
@@ -188,7 +189,9 @@ def error_bound(result: object) -> ErrorBound:
     """
     problem = getattr(result, "problem", None)
     if not isinstance(problem, Problem):
-        raise TypeError(f"result={result!r}: a result with a displacement is needed")
+        raise TypeError(
+            f"result={in_words(result)}: a result with a displacement is needed"
+        )
     exact = isinstance(result, ExactResult)
     bound_data = bound_data_of(result.discrete if exact else DiscreteProblem(problem))
     state = result.state if exact else state_of(bound_data.discrete, result)

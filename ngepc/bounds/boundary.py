@@ -10,6 +10,7 @@ from ngsolve import BND, CF, Mesh
 from ngepc.bounds.coverage import CONSTANT, FACET_RULES, edge_functions
 from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import Coefficient
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.sampling import HiddenRule, Scan
 from ngepc.model.elements import cells_of
 from ngepc.model.problem import Problem, as_scalar
@@ -140,7 +141,9 @@ class Boundary(OuterFacets):
         self.uneven = (facets, squares)
 
     def _read_contact(self) -> None:
-        on = self.on(self.problem.contact_names, f"contact={self.problem.contact!r}")
+        on = self.on(
+            self.problem.contact_names, f"contact={in_words(self.problem.contact)}"
+        )
         self.contact, rule = self.facet[on], self.rule
         psi = self.values(self.problem.psi, on)
         N = self.cells.N

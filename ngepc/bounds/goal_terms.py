@@ -24,6 +24,7 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.declared import Check, Declared, Text
 from ngepc.checks.kinds import require_mapping, require_text
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.loads import applied_forces
 from ngepc.local.system import State
 from ngepc.model.data import Vector
@@ -70,7 +71,9 @@ def require_vector_data(name: str, value: object) -> None:
     if isinstance(value, Sequence) and not isinstance(value, str | bytes):
         size = len(value)
     if size not in (2, 3):
-        raise TypeError(f"{name}={value!r}: a vector of 2 or 3 components is needed")
+        raise TypeError(
+            f"{name}={in_words(value)}: a vector of 2 or 3 components is needed"
+        )
     require_components(name, value, size)
 
 
@@ -201,14 +204,15 @@ def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
         motion = _support_motion(goal, bound_data)
         return GoalTerms(f"reaction of {goal.support}", None, zero, motion)
     raise TypeError(
-        f"goal={goal!r}: 'contact_force', 'work', ContactForceOn, MeanDisplacement, LoadWork, "
+        f"goal={in_words(goal)}: 'contact_force', 'work', ContactForceOn, "
+        "MeanDisplacement, LoadWork, "
         "DisplacementAt or Reaction is needed"
     )
 
 
 def _named(goal: str, problem: Problem, zero: np.ndarray) -> GoalTerms:
     if goal not in NAMES:
-        raise ValueError(f"goal={goal!r}: one of {', '.join(NAMES)} is needed")
+        raise ValueError(f"goal={in_words(goal)}: one of {', '.join(NAMES)} is needed")
     if goal == "work":
         load = _loaded(problem, problem.tractions, problem.f)
         return GoalTerms("work of the loads", load, zero, None)
@@ -242,7 +246,7 @@ def _displacement_at(goal: object, problem: Problem, zero: np.ndarray) -> GoalTe
     place = require_vector("point", goal.point, (problem.N,))
     component = require_integer("component", goal.component, 0, problem.N - 1)
     if not mesh.Contains(*place):
-        raise ValueError(f"point={goal.point!r}: a point in the body is needed")
+        raise ValueError(f"point={in_words(goal.point)}: a point in the body is needed")
     number = mesh(*place).nr
     patch = GridFunction(L2(mesh, order=0))
     patch.vec.FV().NumPy()[number] = 1.0

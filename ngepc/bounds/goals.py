@@ -26,6 +26,7 @@ from ngepc.bounds.adaptive import SOLVED, TOLERANCE
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.loads import applied_forces
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
@@ -135,7 +136,7 @@ def displacement_bracket(
     size = float(np.abs(forces).sum() * np.abs(u).max())
     if not size > 0:
         raise ValueError(
-            f"traction={traction!r}: a load is needed, and a body that moves"
+            f"traction={in_words(traction)}: a load is needed, and a body that moves"
         )
 
     def loaded(t: float) -> Problem:

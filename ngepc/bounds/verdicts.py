@@ -13,7 +13,7 @@ from ngepc.bounds.adaptive import BoundedResult, MeshRecord, Refinement, solve_t
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.goal_bound import GoalBound
 from ngepc.checks.arguments import require_number
-from ngepc.checks.sentences import at_most_percent, in_percent
+from ngepc.checks.sentences import at_most_percent, in_percent, in_words
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
@@ -150,7 +150,9 @@ def confidence(result: object) -> str:
         return _of_history(result)
     problem = getattr(result, "problem", None)
     if not isinstance(problem, Problem):
-        raise TypeError(f"result={result!r}: a result with a displacement is needed")
+        raise TypeError(
+            f"result={in_words(result)}: a result with a displacement is needed"
+        )
     try:
         bound = error_bound(result)
     except (ValueError, RuntimeError) as error:

@@ -26,6 +26,7 @@ from ngsolve import (
 from ngsolve.fem import ElementTopology
 
 from ngepc.checks.coefficients import foreign_meshes
+from ngepc.checks.sentences import in_words
 
 Coefficient = float | CoefficientFunction
 """A number or an NGSolve CoefficientFunction."""
@@ -66,7 +67,7 @@ def require_number(
 ) -> float:
     """``value`` as a float, finite, >= ``least`` (> if ``strict``), <= ``most``, < ``below``."""
     if not is_number(value):
-        raise TypeError(f"{name}={value!r}: a real number is needed")
+        raise TypeError(f"{name}={in_words(value)}: a real number is needed")
     try:
         number = float(value)
     except OverflowError:
@@ -80,17 +81,19 @@ def require_number(
             if math.isfinite(bound)
         ]
         needed = " ".join(["a finite number", " and ".join(parts)]).strip()
-        raise ValueError(f"{name}={value!r}: {needed} is needed")
+        raise ValueError(f"{name}={in_words(value)}: {needed} is needed")
     return number
 
 
 def require_integer(name: str, value: object, least: int, most: float = inf) -> int:
     """``value`` as an int when it is integral and within [least, most]."""
     if int(require_number(name, value)) != value:
-        raise TypeError(f"{name}={value!r}: an integer is needed")
+        raise TypeError(f"{name}={in_words(value)}: an integer is needed")
     if not least <= value <= most:
         upper = "" if most == inf else f" and <= {most}"
-        raise ValueError(f"{name}={value!r}: an integer >= {least}{upper} is needed")
+        raise ValueError(
+            f"{name}={in_words(value)}: an integer >= {least}{upper} is needed"
+        )
     return int(value)
 
 
@@ -100,9 +103,11 @@ def require_vector(
     """``value``, a sequence of finite numbers of one of the given lengths, as a tuple of floats."""
     text = " or ".join(map(str, lengths))
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
-        raise TypeError(f"{name}={value!r}: a sequence of {text} numbers is needed")
+        raise TypeError(
+            f"{name}={in_words(value)}: a sequence of {text} numbers is needed"
+        )
     if len(value) not in lengths:
-        raise ValueError(f"{name}={value!r}: {text} numbers are needed")
+        raise ValueError(f"{name}={in_words(value)}: {text} numbers are needed")
     return tuple(require_number(f"{name}[{i}]", x) for i, x in enumerate(value))
 
 
@@ -112,7 +117,9 @@ def require_direction(
     """``value``, a vector other than zero, as one of length 1."""
     vector = np.array(require_vector(name, value, lengths))
     if not vector.any():
-        raise ValueError(f"{name}={value!r}: a vector other than zero is needed")
+        raise ValueError(
+            f"{name}={in_words(value)}: a vector other than zero is needed"
+        )
     return tuple((vector / np.linalg.norm(vector)).tolist())
 
 
@@ -124,7 +131,7 @@ def require_coefficient(name: str, value: object, shapes: Shapes = SCALAR) -> No
         require_number(name, value)
     elif not isinstance(value, CoefficientFunction):
         raise TypeError(
-            f"{name}={value!r}: a number or a CoefficientFunction is needed"
+            f"{name}={in_words(value)}: a number or a CoefficientFunction is needed"
         )
     elif value.is_complex:
         raise TypeError(f"{name} is complex: a real coefficient is needed")
@@ -151,16 +158,18 @@ def require_components(name: str, value: object, N: int) -> CoefficientFunction:
         require_coefficient(name, value, [(N,)])
         return value
     if not isinstance(value, tuple | list | np.ndarray):
-        raise TypeError(f"{name}={value!r}: a vector of {N} components is needed")
+        raise TypeError(
+            f"{name}={in_words(value)}: a vector of {N} components is needed"
+        )
     if len(value) != N:
-        raise ValueError(f"{name}={value!r}: {N} components are needed")
+        raise ValueError(f"{name}={in_words(value)}: {N} components are needed")
     return CF(tuple(require_datum(f"{name}[{i}]", c) for i, c in enumerate(value)))
 
 
 def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     """The names in ``value`` ('a', 'a|b' or a sequence), each an existing boundary of ``mesh``."""
     parts = value.split("|") if isinstance(value, str) else value
-    asked = f"{argument}={value!r}: "
+    asked = f"{argument}={in_words(value)}: "
     listed = isinstance(parts, Sequence) and not isinstance(parts, bytes)
     if not listed or not all(isinstance(part, str) for part in parts):
         raise TypeError(f"{asked}a boundary name or several ('left|right') are needed")

@@ -13,6 +13,8 @@ from typing import TypeVar
 
 from ngsolve import CoefficientFunction, Mesh
 
+from ngepc.checks.sentences import in_words
+
 T = TypeVar("T")
 
 
@@ -21,7 +23,7 @@ def require_instance(
 ) -> T:
     """``value``, an instance of ``kind``; ``needed`` describes it in the message."""
     if not isinstance(value, kind):
-        raise TypeError(f"{name}={value!r}: {needed} is needed")
+        raise TypeError(f"{name}={in_words(value)}: {needed} is needed")
     return value
 
 
@@ -30,7 +32,7 @@ def require_attributes(
 ) -> None:
     """Accept an object (not a class) that has the ``attributes`` of a protocol."""
     if isinstance(value, type) or not all(hasattr(value, a) for a in attributes):
-        raise TypeError(f"{name}={value!r}: {needed} is needed")
+        raise TypeError(f"{name}={in_words(value)}: {needed} is needed")
 
 
 def require_mesh(
@@ -49,13 +51,13 @@ def require_function(
     """Accept a function whose argument ``of`` describes, or None if it is ``optional``."""
     wrong = not callable(value) or isinstance(value, CoefficientFunction)
     if wrong and not (optional and value is None):
-        raise TypeError(f"{name}={value!r}: a function of {of} is needed")
+        raise TypeError(f"{name}={in_words(value)}: a function of {of} is needed")
 
 
 def require_text(name: str, value: object, *, optional: bool = False) -> str | None:
     """``value``, a string, also an empty one, or None if it is ``optional``."""
     if not isinstance(value, str) and not (optional and value is None):
-        raise TypeError(f"{name}={value!r}: a text is needed")
+        raise TypeError(f"{name}={in_words(value)}: a text is needed")
     return value
 
 
@@ -67,9 +69,9 @@ def require_flag(name: str, value: object) -> bool:
 def require_path(name: str, value: object, suffix: str = "") -> Path:
     """``value``, the name of a file as a text or path, as a Path that ends in ``suffix``."""
     if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
-        raise TypeError(f"{name}={value!r}: the name of a file is needed")
+        raise TypeError(f"{name}={in_words(value)}: the name of a file is needed")
     if not os.fspath(value):
-        raise ValueError(f"{name}={value!r}: the name of a file is needed")
+        raise ValueError(f"{name}={in_words(value)}: the name of a file is needed")
     if suffix and Path(value).suffix != suffix:
         raise ValueError(
             f"{name}={str(value)!r}: a name that ends in {suffix!r} is needed"
@@ -81,11 +83,11 @@ def require_sequence(name: str, value: object, of: str) -> None:
     """Accept anything that has a length and is iterated by position, but no text and no mapping."""
     listed = hasattr(value, "__len__") and hasattr(value, "__getitem__")
     if not listed or isinstance(value, str | bytes | Mapping | type):
-        raise TypeError(f"{name}={value!r}: a sequence of {of} is needed")
+        raise TypeError(f"{name}={in_words(value)}: a sequence of {of} is needed")
 
 
 def require_mapping(name: str, value: object, needed: str) -> None:
     """Accept a mapping with at least one entry."""
     require_instance(name, value, Mapping, f"a mapping of {needed}")
     if not value:
-        raise ValueError(f"{name}={value!r}: at least one entry is needed")
+        raise ValueError(f"{name}={in_words(value)}: at least one entry is needed")

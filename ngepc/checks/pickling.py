@@ -10,6 +10,8 @@ import pickle
 
 from ngsolve import CoefficientFunction, IntegrationRule, comp, specialcf
 
+from ngepc.checks.sentences import in_words
+
 GEOMETRIC = {
     "normal": specialcf.normal,
     "tangential": specialcf.tangential,
@@ -53,7 +55,7 @@ def reduced(value: CoefficientFunction) -> tuple:
         if known is None:
             first = str(value).split("\n")[0]
             raise pickle.PicklingError(
-                f"{first!r} cannot be pickled: a number or another coefficient is needed"
+                f"{in_words(first)} cannot be pickled: a number or another coefficient is needed"
             ) from error
         return geometric, known
 

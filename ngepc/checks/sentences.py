@@ -1,8 +1,97 @@
-"""Numbers as a sentence shows them."""
+"""Numbers, and the values of arguments, as a sentence shows them."""
 
 from __future__ import annotations
 
+import numbers
+from collections.abc import Mapping
+from dataclasses import Field, fields, is_dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context
+from types import FunctionType
+
+import numpy as np
+from ngsolve import CoefficientFunction, Mesh
+
+ADDRESS = " at 0x"  # part of what Python prints for an object without words of its own
+SHOWN = 12  # entries of a long sequence that a message shows
+
+
+def in_words(value: object) -> str:
+    """The value of an argument, short and readable, for a message.
+
+    A mesh or a coefficient is shown by its kind, an object by its class and the fields that differ
+    from their defaults, with six digits.  A single number keeps all of its digits.
+    """
+    if isinstance(value, np.generic):
+        return repr(value.item())
+    return repr(value) if isinstance(value, numbers.Real) else _short(value)
+
+
+def arguments_in_words(given: Mapping[str, object]) -> str:
+    """Names and values as in a call: "young=210000.0, poisson=0.3"."""
+    return ", ".join(f"{name}={_short(value)}" for name, value in given.items())
+
+
+def _short(value: object) -> str:
+    """A value on one line, numbers with six digits."""
+    if isinstance(value, float | np.floating):
+        return repr(float(f"{value:.6g}"))
+    if isinstance(value, Mesh):
+        return f"<mesh, {value.dim}D, {value.ne} elements>"
+    if isinstance(value, CoefficientFunction):
+        return "<coefficient>"
+    if isinstance(value, Mapping):
+        entries = (f"{key!r}: {_short(one)}" for key, one in value.items())
+        return f"{{{', '.join(entries)}}}"
+    if type(value) in (list, tuple):
+        return _sequence(value)
+    if isinstance(value, np.ndarray):
+        return f"array of shape {value.shape}" if value.size > SHOWN else repr(value)
+    if is_dataclass(value) and not isinstance(value, type):
+        return _record(value)
+    if isinstance(value, FunctionType):
+        return f"<function {value.__name__}>"
+    text = repr(value)
+    return _named(type(value)) if ADDRESS in text else text
+
+
+def _sequence(value: list | tuple) -> str:
+    """The entries in their brackets, the first few of many."""
+    entries = [_short(one) for one in value[:SHOWN]]
+    if len(value) > SHOWN:
+        entries.append(f"... {len(value)} in all")
+    text = ", ".join(entries)
+    if isinstance(value, list):
+        return f"[{text}]"
+    return f"({text},)" if len(value) == 1 else f"({text})"
+
+
+def _record(value: object) -> str:
+    """The class and the fields that differ from their defaults; its own words if it has some."""
+    kind = type(value)
+    if hasattr(value, "_as_call"):
+        name, given = value._as_call()
+        return f"{name}({arguments_in_words(given)})"
+    generated = hasattr(kind.__repr__, "__wrapped__")
+    if not generated:
+        return repr(value) if kind.__repr__ is not object.__repr__ else _named(kind)
+    given = {
+        field.name: getattr(value, field.name)
+        for field in fields(value)
+        if field.repr and not _is_default(field, getattr(value, field.name))
+    }
+    return f"{kind.__name__}({arguments_in_words(given)})"
+
+
+def _named(kind: type) -> str:
+    """An object that has no words of its own, by its class."""
+    return f"<{kind.__name__}>"
+
+
+def _is_default(field: Field, value: object) -> bool:
+    """Whether a field has its default; coefficients and arrays are compared as objects."""
+    same_kind = type(value) is type(field.default)
+    plain = isinstance(value, numbers.Real | str)
+    return value is field.default or (same_kind and plain and value == field.default)
 
 
 def in_percent(part: float, digits: int = 2) -> str:

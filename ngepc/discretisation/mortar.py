@@ -21,6 +21,7 @@ from ngsolve import H1
 from scipy.sparse import csr_matrix, diags
 
 from ngepc.checks.arguments import boundary_names
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.overlap import (
     Overlap,
@@ -45,7 +46,7 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
     at = overlap(one, two)
     if not len(at.weights):
         raise ValueError(
-            f"contact={pair!r}: the two boundaries nowhere face each other"
+            f"contact={in_words(pair)}: the two boundaries nowhere face each other"
         )
     space = H1(problem.mesh, order=problem.order)
     means = _mortar_means(problem, space, one, at)

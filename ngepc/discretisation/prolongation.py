@@ -7,6 +7,7 @@ from ngsolve import BND, H1, VERTEX, FESpace, GridFunction, Mesh, NodeId
 from ngsolve.la import BaseVector
 from scipy.spatial import cKDTree
 
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.facets import MIDDLE
 from ngepc.model.elements import edge_ends, has_straight_simplices, vertex_coordinates
 from ngepc.model.problem import Problem
@@ -71,7 +72,7 @@ def nodal_values(start: object, problem: Problem) -> np.ndarray:
     mesh = problem.mesh
     if not isinstance(source, GridFunction):
         raise TypeError(
-            f"start={start!r}: a displacement or a result that has one is needed"
+            f"start={in_words(start)}: a displacement or a result that has one is needed"
         )
     own = source.space.mesh
     if own.dim != N or source.dim != N:

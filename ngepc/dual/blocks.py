@@ -19,6 +19,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ngepc._deprecated import old_names
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.loads import prescribed_displacement
 from ngepc.discretisation.sampled import what_is_unseen
 from ngepc.dual import saddle
@@ -106,7 +107,8 @@ class LinearBlocks:
         number, piece = connected_components(Z)
         if len(set(piece[~np.array(self.H.FreeDofs())[:ends]])) < number:
             raise ValueError(
-                f"contact={self.problem.contact!r} has a closed piece without ends: the gradient "
+                f"contact={in_words(self.problem.contact)} has a closed piece without "
+                "ends: the gradient "
                 "product (R2) has the constants in its kernel there; use tichonov=FullProduct()"
             )
 

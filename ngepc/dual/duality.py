@@ -27,6 +27,7 @@ from ngsolve import (
     dx,
 )
 
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.dual.functional import DualIterate
 from ngepc.dual.result import DualResult
@@ -91,7 +92,9 @@ def duality_report(result: DualResult) -> DualityReport:
     """
     result = getattr(result, "last", result)
     if not isinstance(result, DualResult):
-        raise TypeError(f"result={result!r}: a result of the dual method is needed")
+        raise TypeError(
+            f"result={in_words(result)}: a result of the dual method is needed"
+        )
     f = result.functional
     problem = result.problem
     v = result.v

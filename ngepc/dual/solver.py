@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import in_words
 from ngepc.dual.algorithm import NewtonSystem, algorithm_7_1
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional
@@ -27,7 +28,7 @@ def solve_regularised(
     """
     if not isinstance(options.direct_solver, str):
         raise ValueError(
-            f"inverse={options.inverse!r}: a direct solver is needed with gamma"
+            f"inverse={in_words(options.inverse)}: a direct solver is needed with gamma"
         )
     kinds = (DualResult, type(None))
     require_instance("start", start, kinds, "a result of semismooth_newton or None")

@@ -17,6 +17,7 @@ from ngepc.checks.arguments import (
     require_number,
 )
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.checks.sentences import in_words
 from ngepc.model.places import Roller
 from ngepc.model.problem import Problem
 
@@ -78,12 +79,15 @@ class Schedule:
         require_function("obstacle_motion", self.obstacle_motion, "time", optional=True)
         times = numbers_in("times", self.times)
         if not times:
-            raise ValueError(f"times={self.times!r}: at least one time is needed")
+            raise ValueError(
+                f"times={in_words(self.times)}: at least one time is needed"
+            )
         known = () if self.begin is None else (require_number("begin", self.begin),)
         for before, after in pairwise((*known, *times)):
             if not before < after:
                 raise ValueError(
-                    f"times={times!r}, begin={self.begin!r}: increasing numbers are needed, "
+                    f"times={in_words(times)}, begin={self.begin!r}: increasing "
+                    "numbers are needed, "
                     f"{after:g} does not come after {before:g}"
                 )
         object.__setattr__(self, "times", times)
@@ -111,9 +115,9 @@ class Schedule:
             steps = [(time, changes) for time, changes in pairs]
         except (TypeError, ValueError):
             needed = "a Schedule or pairs (time, changes) are needed"
-            raise TypeError(f"steps={pairs!r}: {needed}") from None
+            raise TypeError(f"steps={in_words(pairs)}: {needed}") from None
         if not steps:
-            raise ValueError(f"steps={pairs!r}: at least one step is needed")
+            raise ValueError(f"steps={in_words(pairs)}: at least one step is needed")
         times = numbers_in("times", [time for time, _ in steps])
         changes = Listed(zip(times, (changes for _, changes in steps), strict=True))
         if begin is None:
@@ -171,7 +175,7 @@ def as_schedule(steps: object) -> Schedule:
 def numbers_in(name: str, values: object) -> tuple[float, ...]:
     """``values``, a sequence of finite numbers, as floats."""
     if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str | bytes):
-        raise TypeError(f"{name}={values!r}: a sequence of numbers is needed")
+        raise TypeError(f"{name}={in_words(values)}: a sequence of numbers is needed")
     return tuple(
         require_number(f"{name}[{i}]", value) for i, value in enumerate(values)
     )

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+from ngsolve import CoefficientFunction
 from scipy.optimize import root
 
-from ngepc.checks.arguments import require_integer, require_number
+from ngepc.checks.arguments import Coefficient, require_integer, require_number
 from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.law import Return
 from ngepc.discretisation.laws import law_of
 from ngepc.evolution.load_path import numbers_in
@@ -125,6 +127,14 @@ def material_point(
     )
 
 
+def value_in_the_middle(value: Coefficient) -> float:
+    """A datum of a material point: that of the middle of the unit cube."""
+    if not isinstance(value, CoefficientFunction):
+        return float(value)
+    cube = block.structured_mesh(1, 1, 1)
+    return float(value(cube(0.5, 0.5, 0.5)))
+
+
 def _path_between_corners(
     strain: Path | None, stress: Path | None, steps: int
 ) -> np.ndarray:
@@ -134,13 +144,14 @@ def _path_between_corners(
     twice = sorted(set(strains) & set(stresses))
     if twice:
         raise ValueError(
-            f"stress={stress!r}: {twice[0]!r} is given in strain too, leave one out"
+            f"stress={in_words(stress)}: {twice[0]!r} is given in strain too, leave one out"
         )
     given = strains | stresses
     lengths = {len(values) for values in given.values()} - {1} or {1}
     if len(lengths) > 1:
         raise ValueError(
-            f"strain={strain!r}, stress={stress!r}: the same number of corners for each "
+            f"strain={in_words(strain)}, stress={in_words(stress)}: the same number "
+            "of corners for each "
             "component is needed"
         )
     (count,) = lengths
@@ -230,7 +241,7 @@ def _corners(name: str, given: Path | None) -> dict[str, tuple[float, ...]]:
     if not given.keys() <= set(COMPONENTS):
         legal = ", ".join(COMPONENTS)
         raise ValueError(
-            f"{name}={given!r}: components are needed, each one of {legal}"
+            f"{name}={in_words(given)}: components are needed, each one of {legal}"
         )
     lists = {
         key: values if np.ndim(values) else [values] for key, values in given.items()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ngepc.checks.arguments import is_number
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions, Points, on_children
@@ -104,7 +105,8 @@ class Memory:
             after = at(getattr(material, modulus))
             if ((before == 0) != (after == 0)).any():
                 raise ValueError(
-                    f"material={material!r}: {modulus} is zero in one of two successive steps; "
+                    f"material={in_words(material)}: {modulus} is zero in one of two "
+                    "successive steps; "
                     "all steps need the same kind of hardening"
                 )
             factor = after / np.where(before > 0, before, 1.0)
@@ -167,11 +169,12 @@ def check_kind(one: Material, other: Material) -> None:
         after = getattr(other, name)
         if type(before) is not type(after):
             raise ValueError(
-                f"material={other!r}: {name} like that of the problem is needed, {before!r}"
+                f"material={in_words(other)}: {name} like that of the problem is "
+                f"needed, {in_words(before)}"
             )
     if one.overlay is not None and one.overlay.count != other.overlay.count:
         raise ValueError(
-            f"material={other!r}: {one.overlay.count} sub-elements are needed, "
+            f"material={in_words(other)}: {one.overlay.count} sub-elements are needed, "
             f"it has {other.overlay.count}"
         )
 

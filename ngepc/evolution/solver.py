@@ -20,6 +20,7 @@ from ngepc.bounds.goals import COVERS
 from ngepc.bounds.transfer import check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.loads import displacement_space
 from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.increments import Increments
@@ -70,7 +71,9 @@ def cold_start(solver: Callable, **settings: object) -> StepSolver:
         """Solve a step from zero, whatever the start."""
         return solver(problem, **settings)
 
-    names = ", ".join(f"{key}={value!r}" for key, value in sorted(settings.items()))
+    names = ", ".join(
+        f"{key}={in_words(value)}" for key, value in sorted(settings.items())
+    )
     solve.__qualname__ = (
         f"cold_start({getattr(solver, '__qualname__', solver)}, {names})"
     )
@@ -182,7 +185,9 @@ def check_alone(name: str, value: float, steps: object, **others: object) -> Non
         )
     for other, given in others.items():
         if given is not None:
-            raise ValueError(f"{name}={value:g} with {other}={given!r}: leave one out")
+            raise ValueError(
+                f"{name}={value:g} with {other}={in_words(given)}: leave one out"
+            )
 
 
 @dataclass(eq=False)
@@ -352,7 +357,8 @@ class _Run:
             result = self.solver(problem, start=first)
             if not isinstance(result, Result):
                 raise TypeError(
-                    f"solver={self.solver!r} returned {result!r}: a function that returns a "
+                    f"solver={in_words(self.solver)} returned {result!r}: a function "
+                    "that returns a "
                     "result like those of ngepc's solvers is needed"
                 )
             done = result.status.is_success or result.status in UNCUT

@@ -11,6 +11,7 @@ from ngepc.bounds.boundary import OuterFacets
 from ngepc.bounds.coverage import varies_inside
 from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient
+from ngepc.checks.sentences import in_words
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.model.elements import cells_of
 from ngepc.model.features import BASIC_FEATURES, require_covered
@@ -67,8 +68,10 @@ def growing_names(problem: Problem, growing: Sequence[str] | None) -> tuple[str,
                 " or a support with a displacement other than zero"
             )
     if isinstance(growing, str | bytes) or not isinstance(growing, Sequence):
-        raise TypeError(f"growing={growing!r}: a sequence of names of loads is needed")
-    asked = f"growing={growing!r}: "
+        raise TypeError(
+            f"growing={in_words(growing)}: a sequence of names of loads is needed"
+        )
+    asked = f"growing={in_words(growing)}: "
     for name in growing:
         if name not in (*loads, *moving):
             legal = ", ".join(map(repr, (*loads, *moving)))
@@ -204,18 +207,20 @@ def _obstacles(
     cells = facets.cells
     contact = np.zeros(len(cells.facets), dtype=bool)
     friction = np.zeros((len(cells.facets), cells.N))
-    on = facets.on(problem.contact_names, f"contact={problem.contact!r}")
+    on = facets.on(problem.contact_names, f"contact={in_words(problem.contact)}")
     numbers = facets.facet[on]
     contact[numbers] = True
     if supports["held"][numbers].any():
         raise ValueError(
-            f"contact={problem.contact!r}: a limit load needs no support on the same boundary"
+            f"contact={in_words(problem.contact)}: a limit load needs no support on "
+            "the same boundary"
         )
     supports["frame"][numbers] = completed_frame(cells.normal[numbers][:, None])
     gap = facets.values(problem.psi, on)
     if np.abs(gap).max(initial=0.0) > CLOSED * np.ptp(cells.points, axis=0).max():
         raise ValueError(
-            f"gap={problem.gap!r}: a limit load needs obstacles that touch, with a gap of zero"
+            f"gap={in_words(problem.gap)}: a limit load needs obstacles that touch, "
+            "with a gap of zero"
         )
     if problem.friction is not None:
         values = facets.affine("friction", problem.friction, on)

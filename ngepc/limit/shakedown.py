@@ -18,7 +18,7 @@ import numpy as np
 from ngsolve import CF, CoefficientFunction, GridFunction
 
 from ngepc.checks.arguments import is_number
-from ngepc.checks.sentences import outward
+from ngepc.checks.sentences import in_words, outward
 from ngepc.limit.bisection import singular_points
 from ngepc.limit.bracket import MeshBracket, carried_stress
 from ngepc.limit.cycles import alternating_bound, cycle_bracket_on
@@ -275,7 +275,8 @@ def checked_vertices(
         for name, ends in vertices.items():
             if not isinstance(ends, tuple | list) or len(ends) != 2:
                 raise TypeError(
-                    f"vertices[{name!r}]={ends!r}: the smallest and the largest factor are needed"
+                    f"vertices[{name!r}]={in_words(ends)}: the smallest and the "
+                    "largest factor are needed"
                 )
         vertices = [
             dict(zip(vertices, corner, strict=True))
@@ -283,13 +284,15 @@ def checked_vertices(
         ]
     if isinstance(vertices, str | bytes) or not isinstance(vertices, Sequence):
         raise TypeError(
-            f"vertices={vertices!r}: ranges of loads, or a sequence of factors of loads, are needed"
+            f"vertices={in_words(vertices)}: ranges of loads, or a sequence of "
+            "factors of loads, are needed"
         )
     legal = names_of_loads(problem)
     for number, corner in enumerate(vertices):
         if not isinstance(corner, Mapping):
             raise TypeError(
-                f"vertices[{number}]={corner!r}: a mapping of names of loads to factors is needed"
+                f"vertices[{number}]={in_words(corner)}: a mapping of names of loads "
+                "to factors is needed"
             )
         for name, factor in corner.items():
             if name not in legal:
@@ -299,10 +302,12 @@ def checked_vertices(
                 )
             if not is_number(factor):
                 raise TypeError(
-                    f"vertices[{number}][{name!r}]={factor!r}: a number is needed"
+                    f"vertices[{number}][{name!r}]={in_words(factor)}: a number is needed"
                 )
     if not any(factor != 0 for corner in vertices for factor in corner.values()):
-        raise ValueError(f"vertices={vertices!r}: a load with a factor is needed")
+        raise ValueError(
+            f"vertices={in_words(vertices)}: a load with a factor is needed"
+        )
     distinct: list[Mapping[str, float]] = []
     for corner in vertices:
         if corner not in distinct:

@@ -13,6 +13,8 @@ from ngsolve.la import BaseMatrix, SparseMatrixd
 from pyngcore import Array_D_S, Array_I_S
 from scipy.sparse import coo_matrix, csr_matrix, tril
 
+from ngepc.checks.sentences import in_words
+
 SHIPPED = ("sparsecholesky", "umfpack")  # those that come with NGSolve's wheels
 
 DIRECT_SOLVERS = (*SHIPPED, "pardiso", "mumps", "superlu")
@@ -35,7 +37,7 @@ def require_solver(name: str, value: object) -> object:
         return value
     if not isinstance(value, str) or value not in DIRECT_SOLVERS:
         raise ValueError(
-            f"{name}={value!r}: one of {', '.join(DIRECT_SOLVERS)} is needed"
+            f"{name}={in_words(value)}: one of {', '.join(DIRECT_SOLVERS)} is needed"
         )
     if value in SHIPPED:
         return value
@@ -43,7 +45,7 @@ def require_solver(name: str, value: object) -> object:
         SparseMatrixd.CreateFromCOO([0], [0], [1.0], 1, 1).Inverse(inverse=value)
     except SOLVER_ERRORS as error:
         raise ValueError(
-            f"{name}={value!r}: this installation does not have it ({error}); "
+            f"{name}={in_words(value)}: this installation does not have it ({error}); "
             f"{' and '.join(SHIPPED)} come with NGSolve"
         ) from error
     return value

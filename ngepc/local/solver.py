@@ -11,6 +11,7 @@ from ngsolve import GridFunction
 
 from ngepc.checks.declared import Check, Declared
 from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.factors import Factors, tangent_of
 from ngepc.discretisation.prolongation import at_vertices
 from ngepc.discretisation.stiffness import Stiffness, by_moduli
@@ -75,7 +76,7 @@ class SymbolicForms(Declared):
         """The tangent of a discrete problem, in place of the ``fast`` one."""
         if not isinstance(discrete, DiscreteProblem):
             raise ValueError(
-                f"inverse={self!r}: primal_newton has symbolic forms of its own"
+                f"inverse={in_words(self)}: primal_newton has symbolic forms of its own"
             )
         stiffness = by_moduli(discrete.points, discrete.free).with_added(discrete.added)
         return tangent_of(discrete, self.inverse, stiffness)

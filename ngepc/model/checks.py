@@ -29,6 +29,7 @@ from ngepc.checks.arguments import (
 from ngepc.checks.coefficients import foreign_meshes
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
+from ngepc.checks.sentences import in_words
 from ngepc.model.data import (
     ACTING,
     HISTORY,
@@ -174,13 +175,14 @@ def check_material(problem: ProblemData) -> None:
     ).min()
     if bulk <= 0:
         raise ValueError(
-            f"lame_lambda={material.lame_lambda!r}: the elasticity is not elliptic, "
+            f"lame_lambda={in_words(material.lame_lambda)}: the elasticity is not elliptic, "
             f"{N} lambda + 2 mu falls to {bulk:g}, > 0 is needed for {N} x {N} tensors"
         )
     if material.data_sheet and problem.kinematics is TWO_DIMENSIONAL:
         needed = "its factors are those of three dimensions, Material.kinematic or"
         raise ValueError(
-            f'kinematics="two-dimensional" with {material!r}: {needed} Material.isotropic is needed'
+            f'kinematics="two-dimensional" with {in_words(material)}: {needed} '
+            "Material.isotropic is needed"
         )
     if material.law is not None:
         check_law(material.law, mesh)
@@ -208,7 +210,7 @@ def check_hill(problem: ProblemData) -> None:
     material = problem.material
     if problem.kinematics is TWO_DIMENSIONAL:
         raise ValueError(
-            f'kinematics="two-dimensional" with hill={material.hill!r}: '
+            f'kinematics="two-dimensional" with hill={in_words(material.hill)}: '
             "another kinematics is needed, the ellipsoid has three axes"
         )
     for name in ("F", "G", "H", "L", "M", "N", "angle"):
@@ -228,7 +230,7 @@ def check_overlay(problem: ProblemData) -> None:
     overlay = material.overlay
     if problem.kinematics is TWO_DIMENSIONAL:
         raise ValueError(
-            f'kinematics="two-dimensional" with overlay={overlay!r}: '
+            f'kinematics="two-dimensional" with overlay={in_words(overlay)}: '
             "another kinematics is needed, the curve is that of a bar in three dimensions"
         )
     for name in ("hardening", "hardening_modulus", "law", "rate", "hill"):
@@ -236,12 +238,13 @@ def check_overlay(problem: ProblemData) -> None:
         absent = value is None or (is_number(value) and value == 0)
         if not absent:
             raise ValueError(
-                f"{name}={value!r} with overlay={overlay!r}: leave one of them out"
+                f"{name}={in_words(value)} with overlay={in_words(overlay)}: leave one of them out"
             )
     first = sample(as_scalar(material.yield_stress), problem.mesh)
     if not np.allclose(first, overlay.bounds[0], rtol=1e-12):
         raise ValueError(
-            f"yield_stress={material.yield_stress!r} with overlay={overlay!r}: the first bound, "
+            f"yield_stress={in_words(material.yield_stress)} with "
+            f"overlay={in_words(overlay)}: the first bound, "
             f"{overlay.bounds[0]:g}, is needed"
         )
 
@@ -292,7 +295,7 @@ def check_acting(
         values = list(value) if several else [value]
         least = 0.0
         if len(values) != N and (several or not on_boundary):
-            raise ValueError(f"{name}={value!r}: {N} numbers are needed")
+            raise ValueError(f"{name}={in_words(value)}: {N} numbers are needed")
     for one in values:
         if on_boundary:
             how = {"corners": not load, "shapes": [shape], "least": least}
@@ -319,7 +322,7 @@ def _prescribed(problem: ProblemData, name: str, place: Place, given: object) ->
         return [given.value]
     if not isinstance(given, Components) or len(given) != N:
         raise ValueError(
-            f"{name}={given!r}: {N} components are needed, None for a free one"
+            f"{name}={in_words(given)}: {N} components are needed, None for a free one"
         )
     values = [component for component in given if component is not None]
     if place in problem.loads and len(values) == N:
@@ -341,25 +344,25 @@ def check_contact(problem: ProblemData) -> None:
         )
         if {*one} & {*two} or {*one, *two} & {*names}:
             needed = "two different boundaries are needed, and no obstacle on them"
-            raise ValueError(f"contact={pair!r}: {needed}")
+            raise ValueError(f"contact={in_words(pair)}: {needed}")
         if np.intersect1d(corner_vertices(mesh, one), corner_vertices(mesh, two)).size:
             raise ValueError(
-                f"contact={pair!r}: the bodies share nodes; mesh them without Glue"
+                f"contact={in_words(pair)}: the bodies share nodes; mesh them without Glue"
             )
         both = {frozenset(meeting) for meeting in product(one, two)}
         if both & met:
             raise ValueError(
-                f"contact={pair!r}: another pair has these boundaries, name them once"
+                f"contact={in_words(pair)}: another pair has these boundaries, name them once"
             )
         met |= both
     if names and given is None:
         raise ValueError(
-            f"contact={problem.contact!r} needs a gap to rigid obstacles: a number or a "
+            f"contact={in_words(problem.contact)} needs a gap to rigid obstacles: a number or a "
             "coefficient; contact of two bodies is contact=Contact(first, second)"
         )
     if given is not None and not names:
         raise ValueError(
-            f"gap={given!r}: name the contact boundary too, or leave gap out"
+            f"gap={in_words(given)}: name the contact boundary too, or leave gap out"
         )
     several = isinstance(given, Mapping)
     if several and set(given) != set(names):
@@ -382,13 +385,14 @@ def check_friction(problem: ProblemData) -> None:
         )
     if value is not None and problem.contact is None:
         raise ValueError(
-            f"friction={value!r}: name the contact boundary too, or leave it out"
+            f"friction={in_words(value)}: name the contact boundary too, or leave it out"
         )
     if value is None:
         return
     if isinstance(value, Coulomb) and type(value) is not Coulomb:
         raise TypeError(
-            f"friction={value!r}: Coulomb(mu, limit=F) itself is needed; a subclass of Coulomb "
+            f"friction={in_words(value)}: Coulomb(mu, limit=F) itself is needed; a "
+            "subclass of Coulomb "
             "would not change the law that is solved"
         )
     given = {name: value}
@@ -398,7 +402,8 @@ def check_friction(problem: ProblemData) -> None:
             given["friction.limit"] = value.limit
     elif not (is_number(value) or isinstance(value, CoefficientFunction)):
         raise TypeError(
-            f"{name}={value!r}: a number or a CoefficientFunction is needed, Tresca's bound F, "
+            f"{name}={in_words(value)}: a number or a CoefficientFunction is needed, "
+            "Tresca's bound F, "
             "or Coulomb(mu)"
         )
     for name, field in given.items():
@@ -427,7 +432,7 @@ def check_history(problem: ProblemData) -> None:
     no_pair = isinstance(hardening, tuple) and len(hardening) != 2
     if no_pair or (overlay is None and is_vector(hardening)):
         legal = f"a scalar, an {N} x {N} coefficient or the pair of both is needed"
-        raise ValueError(f"initial_hardening={hardening!r}: {legal}")
+        raise ValueError(f"initial_hardening={in_words(hardening)}: {legal}")
     scalar, back_stress = split_hardening(hardening)
     scalars = {
         "initial_hardening": scalar,

@@ -13,6 +13,7 @@ from ngepc.checks.arguments import (
     is_number,
     require_components,
 )
+from ngepc.checks.sentences import in_words
 from ngepc.model.elements import outward_normal
 from ngepc.model.kinematics import TWO_DIMENSIONAL, Kinematics
 from ngepc.model.material import Material, split_hardening
@@ -255,7 +256,9 @@ class ProblemData:
             needed = (
                 "duration= is needed, the length of the time step (evolve knows it)"
             )
-            raise ValueError(f"material.rate={law!r} without a time step: {needed}")
+            raise ValueError(
+                f"material.rate={in_words(law)} without a time step: {needed}"
+            )
         return law
 
     @property

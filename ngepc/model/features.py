@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from ngepc.checks.arguments import is_number
+from ngepc.checks.sentences import in_words
 from ngepc.model.data import ProblemData
 from ngepc.model.elements import corner_vertices, element_nodes
 from ngepc.model.kinematics import KINEMATICS
@@ -276,7 +277,7 @@ def require_covered(
         if name not in covers:
             for argument, value in feature.found(problem).items():
                 reason = f"{what} needs {feature.needed}{advice}"
-                given = f"{argument}={value!r}"
+                given = f"{argument}={in_words(value)}"
                 raise ValueError(
                     f"mesh has {value}: {reason}"
                     if argument == MESH

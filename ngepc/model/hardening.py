@@ -24,6 +24,7 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.declared import Declared, NotNegativeDatum, PositiveDatum
 from ngepc.checks.kinds import require_sequence
+from ngepc.checks.sentences import in_words
 
 Value = float | np.ndarray | CoefficientFunction
 """A number, values at points, or a coefficient: laws take each and give the same kind."""
@@ -174,11 +175,11 @@ class Tabulated(HardeningLaw):
         x = tuple(require_number("plastic_strain", value) for value in given)
         if not x or x[0] != 0 or not all(a < b for a, b in pairwise(x)):
             raise ValueError(
-                f"plastic_strain={given!r}: increasing numbers from 0 on are needed"
+                f"plastic_strain={in_words(given)}: increasing numbers from 0 on are needed"
             )
         if len(there) != len(x):
             raise ValueError(
-                f"stress_there={there!r}: {len(x)} values are needed, one for each x"
+                f"stress_there={in_words(there)}: {len(x)} values are needed, one for each x"
             )
         R = tuple(
             require_datum("stress_there", value, 0, strict=True) for value in there
@@ -186,7 +187,7 @@ class Tabulated(HardeningLaw):
         numbers = [value for value in R if is_number(value)]
         if any(a > b for a, b in pairwise(numbers)):
             raise ValueError(
-                f"stress_there={there!r}: stresses that do not fall are needed"
+                f"stress_there={in_words(there)}: stresses that do not fall are needed"
             )
         vars(self).update(plastic_strain=x, stress_there=R)
 
@@ -238,7 +239,7 @@ def check_law(law: HardeningLaw, mesh: Mesh) -> None:
             needed = (
                 "positive values that never fall are needed (softening is not covered)"
             )
-            raise ValueError(f"law={law!r}: {found}: {needed}")
+            raise ValueError(f"law={in_words(law)}: {found}: {needed}")
         before = stress
 
 

@@ -35,6 +35,7 @@ from ngsolve import (
 )
 
 from ngepc.checks.arguments import require_number
+from ngepc.checks.sentences import in_words
 
 _R2 = math.sqrt(2.0)
 _R6 = math.sqrt(6.0)
@@ -193,7 +194,7 @@ def with_thickness(kinematics: Kinematics, thickness: float | None) -> Kinematic
     )
     if thickness is not None and kinematics.name not in THICK:
         needed = " or ".join(f"kinematics={name!r}" for name in THICK)
-        given = f"thickness={thickness!r} with kinematics={kinematics.name!r}"
+        given = f"thickness={in_words(thickness)} with kinematics={kinematics.name!r}"
         raise ValueError(f"{given}: {needed} is needed")
     if kinematics.name not in THICK or kinematics.thickness == t:
         return kinematics  # the user's own kinematics are kept as they are

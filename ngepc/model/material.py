@@ -23,7 +23,7 @@ from typing import Annotated
 from ngsolve import CoefficientFunction
 
 from ngepc._deprecated import old_names
-from ngepc.checks.arguments import Coefficient
+from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.checks.declared import (
     Check,
     Datum,
@@ -32,6 +32,7 @@ from ngepc.checks.declared import (
     PositiveDatum,
 )
 from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import in_words
 from ngepc.model.hardening import HardeningLaw
 from ngepc.model.hill import Hill
 from ngepc.model.overlay import Overlay
@@ -221,14 +222,22 @@ class Material(Declared):
         return dict(vars(self).get("given", ()))
 
     def __repr__(self) -> str:
+        """The call that made it, numbers with all digits; coefficients by their kind."""
+        name, given = self._as_call()
+        texts = (f"{key}={_with_all_digits(value)}" for key, value in given.items())
+        return f"{name}({', '.join(texts)})"
+
+    def _as_call(self) -> tuple[str, dict[str, object]]:
+        """Name of the constructor, and the arguments that were given."""
         given = self.data_sheet
-        made_by = vars(self).get("constructor", "Material.metal")
-        name = made_by if given else "Material"
-        if not given:
-            given = {field.name: getattr(self, field.name) for field in fields(self)}
-        return (
-            f"{name}({', '.join(f'{key}={value!r}' for key, value in given.items())})"
-        )
+        if given:
+            return vars(self).get("constructor", "Material.metal"), given
+        every = {field.name: getattr(self, field.name) for field in fields(self)}
+        absent = [
+            one is None or (is_number(one) and one == 0) for one in every.values()
+        ]
+        pairs = zip(every.items(), absent, strict=True)
+        return "Material", dict(pair for pair, missing in pairs if not missing)
 
     @property
     def young(self) -> Coefficient:
@@ -343,6 +352,12 @@ def split_hardening(value: object) -> tuple:
 def is_vector(value: object) -> bool:
     """Whether a value is a vector-valued coefficient."""
     return isinstance(value, CoefficientFunction) and len(value.dims) == 1
+
+
+def _with_all_digits(value: object) -> str:
+    """A datum as Python reads it; coefficients and laws by their kind."""
+    plain = is_number(value) or isinstance(value, str | list | tuple)
+    return repr(value) if plain else in_words(value)
 
 
 __getattr__ = old_names(__name__)

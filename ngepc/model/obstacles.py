@@ -37,6 +37,7 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.declared import Along, Check, Declared, Positive, Vector
 from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import in_words
 from ngepc.model.elements import outward_normal, vertex_coordinates
 from ngepc.model.processes import processes_of
 
@@ -104,7 +105,7 @@ class Obstacle(Declared):
         if N not in self.dimensions():
             legal = " or ".join(map(str, self.dimensions()))
             raise ValueError(
-                f"{self!r} needs a mesh of dimension {legal}, this one has {N}"
+                f"{in_words(self)} needs a mesh of dimension {legal}, this one has {N}"
             )
         if far is None:
             extent = processes_of(mesh).extent(vertex_coordinates(mesh))

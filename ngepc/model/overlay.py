@@ -22,6 +22,7 @@ from ngepc._deprecated import renamed
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Declared
 from ngepc.checks.kinds import require_sequence
+from ngepc.checks.sentences import in_words
 from ngepc.model.hardening import Tabulated
 from ngepc.model.tensile import PEEQ
 
@@ -55,20 +56,25 @@ class Overlay(Declared):
             given = getattr(self, name)
             require_sequence(name, given, "numbers")
             if len(given) == 0:
-                raise ValueError(f"{name}={given!r}: at least one number is needed")
+                raise ValueError(
+                    f"{name}={in_words(given)}: at least one number is needed"
+                )
             values = tuple(require_number(name, one, 0, strict=True) for one in given)
             vars(self)[name] = values
         shares = self.shares
         bounds = self.bounds
         if len(shares) != len(bounds):
             raise ValueError(
-                f"shares={shares!r}, bounds={bounds!r}: as many numbers each are needed"
+                f"shares={in_words(shares)}, bounds={in_words(bounds)}: as many "
+                "numbers each are needed"
             )
         if not all(one < next_one for one, next_one in pairwise(bounds)):
-            raise ValueError(f"bounds={bounds!r}: increasing numbers are needed")
+            raise ValueError(
+                f"bounds={in_words(bounds)}: increasing numbers are needed"
+            )
         if sum(shares) > 1 + EXACT:
             raise ValueError(
-                f"shares={shares!r}: a sum of at most 1 is needed, it is {sum(shares):g}"
+                f"shares={in_words(shares)}: a sum of at most 1 is needed, it is {sum(shares):g}"
             )
 
     spare = renamed("spare", "elastic_share")

@@ -16,6 +16,7 @@ from ngepc.checks.arguments import (
     sample,
 )
 from ngepc.checks.declared import Along, Datum, Declared, Flag, NotNegativeDatum, Text
+from ngepc.checks.sentences import in_words
 from ngepc.model.elements import corner_vertices, vertex_coordinates
 
 AT = 1e-6
@@ -183,7 +184,7 @@ def _nearest(point: Point, mesh: Mesh) -> np.ndarray:
     if away[nearest] > AT * np.ptp(x, axis=0).max():
         at = tuple(x[nearest].round(6).tolist())
         raise ValueError(
-            f"{point!r}: a vertex of the mesh is needed there, the nearest is at {at}"
+            f"{in_words(point)}: a vertex of the mesh is needed there, the nearest is at {at}"
         )
     return np.array([nearest])
 

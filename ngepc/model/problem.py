@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
 
-from ngsolve import CoefficientFunction, Mesh
+from ngsolve import Mesh
 
 from ngepc.checks import pickling as pickling  # registers pickling of NGSolve's types
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_mesh
+from ngepc.checks.sentences import arguments_in_words
 from ngepc.model.checks import check_mesh, check_problem
 from ngepc.model.data import LEFT, DefaultOrder, ProblemData
 from ngepc.model.data import as_scalar as as_scalar
@@ -125,8 +125,7 @@ class Problem(ProblemData):
             if getattr(self, field.name) is not None
         }
         given["kinematics"] = self.kinematics.name
-        texts = [f"{name}={_in_words(value)}" for name, value in given.items()]
-        return f"Problem({', '.join(texts)})"
+        return f"Problem({arguments_in_words(given)})"
 
     @property
     def features(self) -> dict[str, tuple[str, object]]:
@@ -214,17 +213,3 @@ def _paper_problem(
     load = {"load": -pressure * outward_normal(mesh)}
     flat = {"kinematics": "two-dimensional", "order": 1}
     return Problem(mesh, material, "clamped", load, contact="contact", gap=gap, **flat)
-
-
-def _in_words(value: object) -> str:
-    """A value of a problem on one line."""
-    if isinstance(value, Mesh):
-        return f"<mesh, {value.dim}D, {value.ne} elements>"
-    if isinstance(value, CoefficientFunction):
-        return "<coefficient>"
-    if isinstance(value, Mapping):
-        entries = (f"{key!r}: {_in_words(one)}" for key, one in value.items())
-        return f"{{{', '.join(entries)}}}"
-    if isinstance(value, tuple | list):
-        return f"({', '.join(map(_in_words, value))})"
-    return repr(value)

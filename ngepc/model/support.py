@@ -14,6 +14,7 @@ from ngsolve import Mesh
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from ngepc.checks.sentences import in_words
 from ngepc.model.data import ProblemData
 from ngepc.model.elements import (
     boundary_corners,
@@ -60,7 +61,8 @@ def check_motions(problem: ProblemData) -> None:
             x = vertex_coordinates(problem.mesh)[vertices]
             centre = processes.total(x.sum(axis=0)) / processes.total(len(x))
             raise ValueError(
-                f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} leave "
+                f"clamped={in_words(problem.clamped)} and "
+                f"prescribed={in_words(problem.prescribed)} leave "
                 f"{motions.shape[2]} rigid motion(s) of the part around {centre.round(6).tolist()}"
                 ": every connected part must be held, if need be by springs"
             )
@@ -82,7 +84,8 @@ def _agreed(problem: ProblemData, held: np.ndarray) -> np.ndarray:
     scale = np.abs(held).max(initial=0.0, where=given)
     if processes.any(np.abs(held - values) > 1e-8 * scale):
         raise ValueError(
-            f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} give a vertex that "
+            f"clamped={in_words(problem.clamped)} and "
+            f"prescribed={in_words(problem.prescribed)} give a vertex that "
             "processes share different displacements: the values must agree"
         )
     return values
@@ -194,7 +197,8 @@ def _check_held_on_contact(
             k = int(bad.argmax())
             where = vertex_coordinates(problem.mesh)[vertices[k]].round(6).tolist()
             raise ValueError(
-                f"clamped={problem.clamped!r} and prescribed={problem.prescribed!r} hold the "
+                f"clamped={in_words(problem.clamped)} and "
+                f"prescribed={in_words(problem.prescribed)} hold the "
                 f"normal displacement of contact={name!r} at {where}, gap={gap[k]:g}: {why}"
             )
 

@@ -17,6 +17,7 @@ from itertools import dropwhile, pairwise
 
 from ngepc.checks.arguments import Coefficient, is_number, require_datum, require_number
 from ngepc.checks.kinds import require_sequence
+from ngepc.checks.sentences import in_words
 from ngepc.model.hardening import HardeningLaw, Tabulated
 
 PEEQ = math.sqrt(2 / 3)
@@ -94,7 +95,9 @@ def law_of_curve(
     require_sequence("curve", curve, "pairs (strain, stress)")
     points = [pair for pair in _pairs(curve) if pair[1] > 0]
     if not points:
-        raise ValueError(f"curve={curve!r}: points beyond the origin are needed")
+        raise ValueError(
+            f"curve={in_words(curve)}: points beyond the origin are needed"
+        )
     R = yield_stress
     if R is None:
         R = _first_stress(curve, young, *points[0])
@@ -104,12 +107,14 @@ def law_of_curve(
     for (before, last), (plastic, stress) in pairwise(table):
         if not plastic > before:
             raise ValueError(
-                f"curve={curve!r}: at the stress {stress:g} the plastic strain, the total one less "
+                f"curve={in_words(curve)}: at the stress {stress:g} the plastic "
+                "strain, the total one less "
                 f"stress/young, is {plastic:.3g}, after {before:.3g}: increasing ones are needed"
             )
         if stress < last:
             raise ValueError(
-                f"curve={curve!r}: the stress falls from {last:g} to {stress:g}: stresses that "
+                f"curve={in_words(curve)}: the stress falls from {last:g} to "
+                f"{stress:g}: stresses that "
                 "never fall are needed (softening is not covered)"
             )
     return Tabulated(*(list(column) for column in zip(*table, strict=True)))
@@ -122,7 +127,9 @@ def _pairs(curve: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         name = f"curve[{number}]"
         require_sequence(name, pair, "two numbers (strain, stress)")
         if len(pair) != 2:
-            raise ValueError(f"{name}={pair!r}: a pair (strain, stress) is needed")
+            raise ValueError(
+                f"{name}={in_words(pair)}: a pair (strain, stress) is needed"
+            )
         strain, stress = (require_number(name, value, 0) for value in pair)
         points.append((strain, stress))
     return points
@@ -133,7 +140,8 @@ def _first_stress(curve: object, young: float, strain: float, stress: float) -> 
     plastic = strain - stress / young
     if abs(plastic) > ELASTIC:
         raise ValueError(
-            f"curve={curve!r}: at its first point {stress:g} the plastic strain is {plastic:.3g}, "
+            f"curve={in_words(curve)}: at its first point {stress:g} the plastic "
+            f"strain is {plastic:.3g}, "
             "not 0: yield_stress= is needed, where the curve leaves the elastic line"
         )
     return stress
@@ -158,7 +166,7 @@ def plastic_data(
     if name == "curve":
         if share > 0:
             raise ValueError(
-                f"curve={value!r}: kind='isotropic' is needed with a curve"
+                f"curve={in_words(value)}: kind='isotropic' is needed with a curve"
             )
         law = law_of_curve(young, value, yield_stress)
         return {"yield_stress": PEEQ * law.stress(0.0), "law": law}

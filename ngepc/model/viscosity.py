@@ -25,6 +25,7 @@ from ngsolve import CoefficientFunction, IfPos, Mesh
 
 from ngepc.checks.arguments import Coefficient, is_number, require_field, require_number
 from ngepc.checks.declared import Check, PositiveDatum
+from ngepc.checks.sentences import in_words
 from ngepc.model.hardening import Potential, Value
 
 SLOWEST = 1e-250
@@ -96,13 +97,13 @@ def check_rate(law: RateLaw, mesh: Mesh) -> None:
     at_points = law.at(lambda value: require_field("rate", value, mesh))
     before = at_points.stress(0.0)
     if np.abs(before).max() > 0:
-        raise ValueError(f"rate={law!r}: no overstress is needed at the rate 0")
+        raise ValueError(f"rate={in_words(law)}: no overstress is needed at the rate 0")
     for x in RATES:
         stress = at_points.stress(x)
         if not np.min(stress - before) >= -1e-12 * np.max(stress):
             found = f"the overstress at the rate {x:g} is {np.min(stress):g}"
             raise ValueError(
-                f"rate={law!r}: {found}: values that never fall are needed"
+                f"rate={in_words(law)}: {found}: values that never fall are needed"
             )
         before = stress
 

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spannin
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
+from ngepc.checks.sentences import in_words
 from ngepc.evolution.result import Evolution
 from ngepc.pictures.drawable import UnitNames, fields_of, require_units, sources_of
 from ngepc.pictures.sampling import corners_of
@@ -158,7 +159,7 @@ def plot_curve(
     for index, (label, one) in enumerate(histories.items()):
         if not isinstance(one, Evolution):
             needed = "what evolve returned, or label -> that, is needed"
-            raise TypeError(f"history={history!r}: {needed}")
+            raise TypeError(f"history={in_words(history)}: {needed}")
         if not one.steps:
             raise ValueError("history has no finished step: at least one is needed")
         style = line_style(index, len(one.steps))

@@ -15,6 +15,7 @@ from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import boundary_names, require_direction, require_vector
 from ngepc.checks.kinds import require_text
+from ngepc.checks.sentences import in_words
 from ngepc.model.elements import cells_of
 from ngepc.pictures.sampling import Corners, corners_of, is_curved
 from ngepc.results.fields import Fields
@@ -70,7 +71,7 @@ class Part:
             return self
         if not isinstance(self.cut, Sequence) or len(self.cut) != 2:
             raise TypeError(
-                f"cut={self.cut!r}: a pair of a point and a normal is needed, "
+                f"cut={in_words(self.cut)}: a pair of a point and a normal is needed, "
                 "((0.5, 0, 0), (1, 0, 0))"
             )
         point = require_vector("cut[0]", self.cut[0], (mesh.dim,))
@@ -101,7 +102,7 @@ def part_of(
     if mesh.dim == 3 and part.boundary is None:
         cut = side_by_side([cut, section(fields, inside, part)])
     if not len(cut.points):
-        raise ValueError(f"cut={part.cut!r}: nothing is left behind this plane")
+        raise ValueError(f"cut={in_words(part.cut)}: nothing is left behind this plane")
     return cut
 
 

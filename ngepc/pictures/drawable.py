@@ -16,6 +16,7 @@ from ngsolve import CoefficientFunction
 from ngepc.checks.arguments import require_covering
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping
+from ngepc.checks.sentences import in_words
 from ngepc.pictures.cutting import Part, part_of
 from ngepc.pictures.sampling import Corners, Ends, colour_scale, visible
 from ngepc.results.fields import Fields, frobenius
@@ -107,7 +108,7 @@ def drawable(
         return Drawable(visible(fields, scalar), inside=scalar)
     if not isinstance(field, str):
         raise TypeError(
-            f"field={field!r}: the name of a field or a CoefficientFunction is needed"
+            f"field={in_words(field)}: the name of a field or a CoefficientFunction is needed"
         )
     if field == "contact_pressure":
         return _drawable_pressure(source, fields, units)
@@ -115,7 +116,7 @@ def drawable(
     name, letters = match.groups() if match else (field, "")
     if name not in KINDS:
         raise ValueError(
-            f"field={field!r}: the fields are {', '.join(KINDS)}, "
+            f"field={in_words(field)}: the fields are {', '.join(KINDS)}, "
             "and components such as displacement_x and stress_xy"
         )
     symbol, title, unit, colormap = KINDS[name]
@@ -148,12 +149,12 @@ def _component(
     """The component of a vector or a tensor that the letters at the end of ``field`` name."""
     if not rank:
         raise ValueError(
-            f"field={field!r}: this field is a scalar and has no components"
+            f"field={in_words(field)}: this field is a scalar and has no components"
         )
     axes = "xyz"[: coefficient.dims[0]]
     if len(letters) != rank or not set(letters) <= set(axes):
         needed = f"{rank} of the letters {axes!r} name a component of this field"
-        raise ValueError(f"field={field!r}: {needed}")
+        raise ValueError(f"field={in_words(field)}: {needed}")
     index = tuple(map(axes.index, letters))
     return coefficient[index if rank == 2 else index[0]]
 
@@ -203,7 +204,7 @@ def fields_of(source: object, name: str = "source", others: str = "") -> Fields:
     fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
     if not isinstance(fields, Fields):
         raise TypeError(
-            f"{name}={source!r}: {others}the result of a solver or its Fields are needed"
+            f"{name}={in_words(source)}: {others}the result of a solver or its Fields are needed"
         )
     return fields
 

@@ -21,6 +21,7 @@ import ngepc.pictures.style as style
 from ngepc.checks.arguments import require_number, require_vector
 from ngepc.checks.declared import Check, Declared, Flag, NotNegative, Text
 from ngepc.checks.kinds import require_attributes, require_instance
+from ngepc.checks.sentences import in_words
 from ngepc.pictures.cutting import Part, Plane
 from ngepc.pictures.drawable import (
     PLAIN,
@@ -224,7 +225,7 @@ def plot_mesh(
             needed = (
                 "a mesh or a problem is needed as source, result.problem for example"
             )
-            raise ValueError(f"{name}={value!r}: {needed}")
+            raise ValueError(f"{name}={in_words(value)}: {needed}")
     sampled = corners_of(fields)
     drawing = Drawing(0.0, view=view, axes=axes, mesh_lines=True)
     return _draw_sets(drawing, fields, sampled, np.zeros(len(sampled.points)))

@@ -11,6 +11,7 @@ import ngepc.pictures.style as style
 from ngepc.bounds.adaptive import BoundedResult
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import in_words
 from ngepc.pictures.collapse import axes_or_new
 from ngepc.pictures.style import COLOURS, styled
 
@@ -42,7 +43,7 @@ def plot_interval(
     """
     require_instance("run", run, BoundedResult, "the result of solve_to with a goal")
     if run.goal is None:
-        raise ValueError(f"run={run!r}: a run with a goal is needed")
+        raise ValueError(f"run={in_words(run)}: a run with a goal is needed")
     if limit is not None:
         require_number("limit", limit)
     axes = axes_or_new(axes, (4.8, 3.6))

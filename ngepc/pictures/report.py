@@ -13,6 +13,7 @@ from string import Template
 from matplotlib.figure import Figure
 
 from ngepc.checks.kinds import require_path, require_text
+from ngepc.checks.sentences import in_words
 from ngepc.evolution.result import Evolution
 from ngepc.model.problem import Problem
 from ngepc.pictures.curves import plot_contact_pressure, plot_curve, plot_history
@@ -127,7 +128,7 @@ def section_of(place: int, section: object) -> Section:
     )
     if not listed:
         needed = "a result, a history, or a pair of a heading and a list of contents"
-        raise TypeError(f"sections[{place}]={section!r}: {needed} is needed")
+        raise TypeError(f"sections[{place}]={in_words(section)}: {needed} is needed")
     require_text(f"sections[{place}][0]", section[0])
     return section
 
@@ -221,7 +222,7 @@ def _piece(piece: object, units: UnitNames) -> str:
     ):
         return "".join(map(html_table, narrow(flat_rows(piece))))
     needed = "text, a list of dictionaries, a figure, a view or a problem"
-    raise TypeError(f"contents {piece!r}: {needed} is needed")
+    raise TypeError(f"contents {in_words(piece)}: {needed} is needed")
 
 
 def narrow(rows: Sequence[Mapping[str, object]]) -> list[list[dict]]:

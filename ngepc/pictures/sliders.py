@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ngepc.checks.arguments import is_number, require_number, sample
+from ngepc.checks.sentences import in_words
 from ngepc.evolution.load_path import scaled
 from ngepc.model.data import moved_gap
 from ngepc.model.places import Roller, values_at
@@ -38,11 +39,11 @@ class Slider:
         """The slider of a name and (least, most[, step]), at the value of the problem."""
         needed = "(least, most) or (least, most, step) with least < most is needed"
         if not isinstance(given, tuple | list) or len(given) not in (2, 3):
-            raise TypeError(f"{name}={given!r}: {needed}")
+            raise TypeError(f"{name}={in_words(given)}: {needed}")
         numbers = [require_number(f"{name}[{i}]", n) for i, n in enumerate(given)]
         least, most, *rest = numbers
         if not least < most or any(step <= 0 for step in rest):
-            raise ValueError(f"{name}={given!r}: {needed}")
+            raise ValueError(f"{name}={in_words(given)}: {needed}")
         step = rest[0] if rest else round_step((most - least) / POSITIONS)
         value = current(problem, name, change is not None)
         value = 0.5 * (least + most) if value is None else value

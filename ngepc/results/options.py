@@ -7,6 +7,7 @@ from typing import Annotated
 
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
+from ngepc.checks.sentences import in_words
 from ngepc.linalg.direct import require_solver
 from ngepc.linalg.linesearch import Armijo, LineSearch
 
@@ -48,7 +49,7 @@ class NewtonOptions(Declared):
         super().__post_init__()
         if self.linesearch is not None and not hasattr(self.linesearch, "search"):
             raise TypeError(
-                f"linesearch={self.linesearch!r}: Armijo(...) or None is needed"
+                f"linesearch={in_words(self.linesearch)}: Armijo(...) or None is needed"
             )
 
     @property

@@ -17,6 +17,7 @@ from ngepc.checks.kinds import (
     require_sequence,
     require_text,
 )
+from ngepc.checks.sentences import in_words
 from ngepc.evolution.load_path import Schedule, numbers_in
 from ngepc.evolution.solver import evolve
 from ngepc.linalg.blas import one_blas_thread
@@ -67,12 +68,14 @@ class Curve:
         times = len(self.schedule.times)
         if count != times:
             raise ValueError(
-                f"measured={self.measured!r}: one value for each of {times} times is needed"
+                f"measured={in_words(self.measured)}: one value for each of {times} times is needed"
             )
         given = 1.0 if self.noise is None else self.noise
         noise = [given] if is_number(given) else numbers_in("noise", given)
         if len(noise) not in (1, count):
-            raise ValueError(f"noise={given!r}: one number or {count} are needed")
+            raise ValueError(
+                f"noise={in_words(given)}: one number or {count} are needed"
+            )
         for value in noise:
             require_number("noise", value, 0, strict=True)
 

@@ -16,6 +16,7 @@ from ngsolve.comp import SumOfIntegrals
 from ngepc.checks.arguments import boundary_names, require_integer, require_vector
 from ngepc.checks.declared import Check, Declared, Text, Vector
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.loads import nodal
 from ngepc.local.system import State
@@ -270,7 +271,7 @@ def as_functional(functional: object) -> Functional:
     if isinstance(functional, str):
         if functional not in NAMES:
             raise ValueError(
-                f"functional={functional!r}: one of {', '.join(NAMES)} is needed"
+                f"functional={in_words(functional)}: one of {', '.join(NAMES)} is needed"
             )
         functional = SimpleNamespace(slope=NAMES[functional])
     elif callable(functional):

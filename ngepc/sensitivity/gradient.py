@@ -15,6 +15,7 @@ import numpy as np
 from ngepc._deprecated import old_names
 from ngepc.checks.arguments import Coefficient, require_integer
 from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.loads import nodal
 from ngepc.evolution.result import Evolution, EvolutionStep
 from ngepc.linalg.blas import one_blas_thread
@@ -197,8 +198,9 @@ def require_one_material(result: Evolution) -> None:
         same = len(found) == len(expected)
         if not (same and all(np.array_equal(*pair) for pair in pairs)):
             raise ValueError(
-                f"the material of step {number} is {material!r}: derivatives need one material "
-                f"for the whole history, here {given!r}"
+                f"the material of step {number} is {in_words(material)}: derivatives "
+                "need one material "
+                f"for the whole history, here {in_words(given)}"
             )
 
 

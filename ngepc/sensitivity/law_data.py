@@ -16,6 +16,7 @@ import numpy as np
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import is_number, require_coefficient, sample
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.resistance import Resistance
 from ngepc.local.system import State
 from ngepc.model.data import as_scalar
@@ -140,7 +141,7 @@ def part_changes(state: State, name: str, change: object) -> Data:
     values = list(value) if several else [value]
     changes = list(change) if isinstance(change, tuple | list) else [change]
     if len(changes) != len(values):
-        raise ValueError(f"change={change!r}: {len(values)} values are needed")
+        raise ValueError(f"change={in_words(change)}: {len(values)} values are needed")
     for one in changes:
         require_coefficient(name, one)
     if datum.part == "overlay":

@@ -26,6 +26,7 @@ from ngepc.checks.arguments import (
 )
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.conditions import at_rows, roller_rows
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.loads import Supports, applied_forces
@@ -172,7 +173,7 @@ def changed_data(state: State, direction: Direction) -> Data:
             other.rollers.keys() != problem.rollers.keys()
             or supports.values[discrete.free].any()
         ):
-            raise ValueError(f"prescribed={change!r}: the problem has no such support")
+            raise ValueError(f"prescribed={in_words(change)}: there is no such support")
         for place, moved in roller_rows(other, supports).items():
             gaps[discrete.contact.rollers[place]] = moved.gaps
         return Data(values=supports.values, gaps=gaps)
@@ -236,7 +237,8 @@ def _material(state: State, datum: str, change: Coefficient) -> Data:
     if problem.material.overlay is not None and datum not in OF_OVERLAY:
         legal = ", ".join([*OF_OVERLAY, "overlay.bounds[k]", "overlay.shares[k]"])
         raise ValueError(
-            f"parameters={datum!r} with {problem.material.overlay!r}: one of {legal} is needed"
+            f"parameters={datum!r} with {in_words(problem.material.overlay)}: one of "
+            f"{legal} is needed"
         )
     points = state.discrete.points
     require_coefficient(datum, change)
@@ -370,6 +372,6 @@ def vertex_motion(problem: Problem, change: object) -> np.ndarray:
         and np.abs(motion[radii <= 1e-12 * radii.max(), 0]).any()
     ):
         raise ValueError(
-            f"change={change!r}: a field that keeps the axis x = 0 is needed"
+            f"change={in_words(change)}: a field that keeps the axis x = 0 is needed"
         )
     return motion

@@ -8,6 +8,7 @@ import numpy as np
 
 from ngepc.checks.arguments import require_vector
 from ngepc.checks.kinds import require_instance, require_text
+from ngepc.checks.sentences import in_words
 from ngepc.evolution.load_path import scaled
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import RepeatedSolver
@@ -59,9 +60,13 @@ class Response:
         self.problem = require_instance("problem", problem, Problem, "a Problem")
         self.functional = as_functional(functional)
         if isinstance(parameters, str | bytes) or not isinstance(parameters, Sequence):
-            raise TypeError(f"parameters={parameters!r}: a list of names is needed")
+            raise TypeError(
+                f"parameters={in_words(parameters)}: a list of names is needed"
+            )
         if not parameters:
-            raise ValueError(f"parameters={parameters!r}: at least one name is needed")
+            raise ValueError(
+                f"parameters={in_words(parameters)}: at least one name is needed"
+            )
         self.parameters = tuple(require_text("parameters", one) for one in parameters)
         self.start = np.array([self._given(name) for name in self.parameters])
         self._solver = RepeatedSolver()

@@ -14,6 +14,7 @@ from ngsolve import CF, CoefficientFunction, Mesh, x
 from ngepc.checks.arguments import require_datum, require_integer, require_number
 from ngepc.checks.declared import Check, declared_check
 from ngepc.checks.kinds import require_flag, require_text
+from ngepc.checks.sentences import in_words
 from ngepc.geometries import lshape
 
 MESH = lshape.paper_mesh(21)
@@ -206,9 +207,9 @@ def none_of(parameter: inspect.Parameter, hint: object) -> set:
 
 def names_the_value(message: str, value: object) -> bool:
     """The value itself, one of its entries, or for coefficients what is wrong with them."""
-    texts = [repr(value), f"{value}", "has shape"]
+    texts = [repr(value), f"{value}", in_words(value), "has shape"]
     if isinstance(value, CoefficientFunction):
         texts += ["is NaN or infinite at", "has trace up to"]
     if isinstance(value, list | tuple | dict | np.ndarray):
-        texts += [repr(entry) for entry in value]
+        texts += [in_words(entry) for entry in value]
     return any(text in message for text in texts)

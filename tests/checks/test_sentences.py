@@ -1,10 +1,15 @@
-"""Numbers in sentences: no exponents, and what is an upper bound is rounded up."""
+"""Numbers and values in sentences: short, and what is an upper bound is rounded up."""
 
 import math
 
+import numpy as np
 import pytest
+from ngsolve import CF, x
 
-from ngepc.checks.sentences import at_most_percent, in_percent, outward
+from ngepc import Material, Norton, Problem, Tabulated
+from ngepc.checks.arguments import require_number
+from ngepc.checks.sentences import at_most_percent, in_percent, in_words, outward
+from ngepc.geometries import block
 
 
 @pytest.mark.parametrize(
@@ -34,3 +39,64 @@ def test_a_printed_interval_contains_the_interval():
     lower, upper = outward(-0.12345678, -1e-3)
     assert (lower, upper) == ("-0.123457", "-0.001")
     assert outward(-math.inf, math.inf) == ("-inf", "inf")
+
+
+def test_a_material_is_shown_by_the_data_that_were_given():
+    curve = [(0.001, 200.0), (0.003, 300.0), (0.01, 400.0)]
+    metal = Material.cyclic(young=210e3, poisson=0.3, curve=curve)
+    points = "[(0.001, 200.0), (0.003, 300.0), (0.01, 400.0)]"
+    assert in_words(metal) == (
+        f"Material.cyclic(young=210000.0, poisson=0.3, curve={points})"
+    )
+    assert in_words(metal.overlay) == (
+        "Overlay(shares=(0.792, 0.148503), bounds=(163.299, 555.846))"
+    )
+
+
+def test_laws_have_six_digits_and_no_defaults():
+    law = Tabulated([0.0, 1 / 3], [1.0, 2 / 3 + 1])
+    assert in_words(law) == (
+        "Tabulated(plastic_strain=(0.0, 0.333333), stress_there=(1.0, 1.66667))"
+    )
+    assert in_words(Norton(300.0, 5.0)) == "Norton(overstress=300.0, exponent=5.0)"
+    plain = Material.kinematic(
+        lame_lambda=1e3 / 3, lame_mu=1 + x, yield_stress=1.0, hardening=0.1
+    )
+    assert in_words(plain) == (
+        "Material(lame_lambda=333.333, lame_mu=<coefficient>, yield_stress=1.0, "
+        "hardening=0.1)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (CF((x, 1)), "<coefficient>"),
+        ({"top": CF(1.0)}, "{'top': <coefficient>}"),
+        ([x, 1 / 3], "[<coefficient>, 0.333333]"),
+        (block.structured_mesh(2, 2, simplices=True), "<mesh, 2D, 8 elements>"),
+        (object(), "<object>"),
+        (in_words, "<function in_words>"),
+        (np.zeros((100, 3)), "array of shape (100, 3)"),
+        (tuple(range(100)), f"({', '.join(map(str, range(12)))}, ... 100 in all)"),
+        ((1.0,), "(1.0,)"),
+        ("left", "'left'"),
+        (1 / 3, "0.3333333333333333"),
+        (np.float64(0.5), "0.5"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else type(value).__name__,
+)
+def test_values_of_arguments_are_short_in_messages(value, words):
+    assert in_words(value) == words
+
+
+def test_a_problem_is_one_short_line():
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    metal = Material.metal(
+        young=210e3, poisson=0.3, yield_stress=235.0, plastic_modulus=1e3
+    )
+    problem = Problem(mesh, metal, "left", pressure={"right": 1 / 3 * x})
+    with pytest.raises(TypeError) as found:
+        require_number("length", problem)
+    assert "pressure={'right': <coefficient>}" in str(found.value)
+    assert " at 0x" not in str(found.value)

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.pyplot import close
 from ngsolve import CF
 
-from ngepc import Material, Problem, plot_material
+from ngepc import Material, Norton, Problem, plot_material
 from ngepc.geometries import block
 from ngepc.pictures import UnitNames
 from ngepc.pictures.report import describe_problem
@@ -34,6 +34,21 @@ def test_several_materials_have_labels():
     figure = plot_material(materials, strain=0.02)
     texts = figure.axes[0].get_legend().get_texts()
     assert [text.get_text() for text in texts] == list(materials)
+    close(figure)
+
+
+def test_a_material_with_a_rate_has_a_curve_for_each_of_three_rates():
+    # perfectly plastic beyond R: in a steady flow the overstress is K (rate)^(1/n)
+    law = Norton(overstress=300.0, exponent=5.0)
+    flat = {"young": 210e3, "poisson": 0.3, "yield_stress": 210.0}
+    viscous = Material.metal(**flat, plastic_modulus=1e-3, rate=law)
+    figure = plot_material({"steel": viscous})
+    axes = figure.axes[0]
+    loaded = axes.lines[:6:2]
+    for line, part in zip(loaded, (0.1, 0.3, 1.0), strict=True):
+        rate = float(f"{law.rate(part * 210.0):.0e}")
+        assert line.get_label() == f"steel, rate {rate:g}"
+        assert line.get_ydata()[-1] == pytest.approx(210 + law.stress(rate), rel=1e-3)
     close(figure)
 
 
