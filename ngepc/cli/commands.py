@@ -107,14 +107,17 @@ OPTIONS = {
         ("contact_force", "work"),
         "refine the mesh until this number is guaranteed to --percent",
     ),
-    "--percent P": (positive, "half width of the goal's interval, default 1"),
+    "--percent P": (positive, "half width of the interval in percent, default 1"),
     "--tolerance X": (positive, "tolerance of the residual, default 1e-10"),
     "--max-iterations N": (count, "largest number of Newton steps, default 300"),
     "--save FILE": (location, "save the run in a .npz file"),
     "--figures DIR": (location, "write PNG figures to this folder"),
     "--gamma-start G": (positive, "first gamma, default 10"),
     "--growth X": (positive, "theta > 1, the growth of gamma, default 7"),
-    "--gamma-end G": (positive, "continue to this gamma instead of the path's test"),
+    "--gamma-end G": (
+        positive,
+        "continue to this gamma, however little V_gamma changes",
+    ),
     "--inner-tolerance X": (positive, "tau_in, default 10"),
     "--inner-scale C": (
         positive,
@@ -139,7 +142,7 @@ OPTIONS = {
     "--out DIR": (location, "output folder, default: out", Path("out")),
     "--levels N": (
         count,
-        "number of meshes from the coarsest, default 3 (norm gap: radii, default 7)",
+        "number of meshes from the coarsest, default 3 (differentiability: radii, default 7)",
     ),
     "--rows A,B": (
         words,

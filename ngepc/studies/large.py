@@ -252,7 +252,7 @@ class Processes(OverMeshes):
             f"h/mu {SHARED_HARDENING:g}, order {self.order}, tolerance {TOLERANCE:g}, PETSc(), "
             "nested from 281 vertices, "
             f"{cores} cores. CPU, wall and MB are those from the coarsest mesh on and of the "
-            "process with most; of one process: that CPU time over the one of a single process. "
-            f"Waiting counts as CPU: beyond {cores} processes times mean nothing. Weak scaling: "
-            "eight times the processes on the next mesh."
+            "process with most. Column 'of one process': this CPU time divided by that of a single "
+            f"process. Waiting counts as CPU time, so that times with more than {cores} processes "
+            "mean little. Weak scaling: eight times the processes on the next mesh."
         ]

@@ -134,7 +134,7 @@ PATHS = {
 FIGURES = {
     2: ("lshape", ("strain", "zone"),
         "Example (a): |p_gamma|_F, plastic zone |p_gamma|_F > 0.1 (paper: gamma = 1.2e9)"),
-    3: ("lshape", ("excess",), "Example (a): yield function (3.9) (paper: beside Figure 2)"),
+    3: ("lshape", ("excess",), "Example (a): yield function (3.9) (paper: next to Figure 2)"),
     5: ("wrench", ("mesh", "strain"),
         "Example (b): initial configuration, |p_gamma|_F (paper: gamma = 8.24e6)"),
     6: ("wrench", ("excess", "zone"),

@@ -37,7 +37,7 @@ def arguments():
     parser = argparse.ArgumentParser(prog="python -m campaigns", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out"))
     campaigns = parser.add_subparsers(dest="campaign", required=True)
-    fuzz = campaigns.add_parser("fuzz", help="random problems by two methods, judged")
+    fuzz = campaigns.add_parser("fuzz", help="random problems by two methods")
     fuzz.set_defaults(kind=Fuzz, options=("count", "seed"))
     fuzz.add_argument("--count", type=int, default=Fuzz.count)
     fuzz.add_argument("--seed", type=int, default=Fuzz.seed)
@@ -62,7 +62,7 @@ def arguments():
     friction.add_argument("--seed", type=int, default=Equilibria.seed)
     friction.add_argument("--rows", type=rows, default=Equilibria.rows)
     cones = campaigns.add_parser(
-        "cones", help="random convex problems beside conic programming"
+        "cones", help="random convex problems, conic programming"
     )
     cones.set_defaults(kind=Cones, options=("count", "seed"))
     cones.add_argument("--count", type=int, default=Cones.count)
@@ -72,7 +72,9 @@ def arguments():
     )
     slopes.set_defaults(kind=Derivatives, options=("count",))
     slopes.add_argument("--count", type=int, default=Derivatives.count)
-    narrow = campaigns.add_parser("hidden", help="data that rules miss, bounds judged")
+    narrow = campaigns.add_parser(
+        "hidden", help="bounds for data that quadrature misses"
+    )
     narrow.set_defaults(kind=Hidden, options=("count", "seed"))
     narrow.add_argument("--count", type=int, default=Hidden.count)
     narrow.add_argument("--seed", type=int, default=Hidden.seed)
@@ -80,7 +82,7 @@ def arguments():
     widths.set_defaults(kind=Intervals, options=("count", "seed"))
     widths.add_argument("--count", type=int, default=Intervals.count)
     widths.add_argument("--seed", type=int, default=Intervals.seed)
-    answers = campaigns.add_parser("verdicts", help="limits beside fine values")
+    answers = campaigns.add_parser("verdicts", help="limits close to fine values")
     answers.set_defaults(kind=Verdicts, options=("count", "seed"))
     answers.add_argument("--count", type=int, default=Verdicts.count)
     answers.add_argument("--seed", type=int, default=Verdicts.seed)
@@ -96,11 +98,11 @@ def arguments():
     files_of_claims.add_argument("--count", type=int, default=Receipts.count)
     files_of_claims.add_argument("--each", type=int, default=Receipts.each)
     files_of_claims.add_argument("--seed", type=int, default=Receipts.seed)
-    files = campaigns.add_parser("foreign", help="files that others have written")
+    files = campaigns.add_parser("foreign", help="mesh files of other projects")
     files.set_defaults(kind=Foreign, options=("beds", "nodes"))
     files.add_argument("--beds", type=Path, default=Foreign.beds)
     files.add_argument("--nodes", type=int, default=Foreign.nodes)
-    faults = campaigns.add_parser("mutants", help="faults that tests should notice")
+    faults = campaigns.add_parser("mutants", help="faults that tests should detect")
     faults.set_defaults(
         kind=Mutants,
         options=(

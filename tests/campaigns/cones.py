@@ -211,9 +211,9 @@ class Cones(Work):
     count: int = 300
     seed: int = 1
 
-    name, title = "cones", "The exact method beside conic programming"
+    name, title = "cones", "The exact method compared with conic programming"
     columns = """problems = {group} | all = {all} | full accuracy = {full}
-        | largest difference of J = {largest:.1e} | complaints = {complaints}"""
+        | largest difference of J = {largest:.1e} | failures = {complaints}"""
 
     def cells(self):
         """The seeds."""
@@ -271,7 +271,7 @@ class Cones(Work):
         wrong = [str(r["number"]) for r in records if r["wrong"]]
         return [
             "Random problems of `tests/campaigns/cones.py`; `tests/conic.py` assembles each from "
-            "mesh and data alone and Clarabel minimises J. Complaints: runs that do not converge, "
+            "mesh and data alone and Clarabel minimises J. Failures: runs that do not converge, "
             f"and energies that differ by more than {AGREE:g} where Clarabel reports full "
             "accuracy. Differences are relative.",
             *([f"- seeds {', '.join(wrong)}"] if wrong else []),

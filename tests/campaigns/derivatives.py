@@ -164,7 +164,7 @@ class Derivatives(Work):
         | envelope = {envelope:.1e}"""
     note = (
         "Gradients of contact force, energy, a displacement, a reaction and integrals of u, p and "
-        "stress by all data, beside central differences of fourth order with the relative step "
+        "stress by all data, compared with central differences of fourth order, relative step "
         f"{STEP:g}; errors relative to the largest derivative of the functional, without "
         "differences across which a row or point changes side. Taylor: the smallest order of a "
         "remainder in a random direction. Envelope: dJ/dm against the explicit partial derivative, "

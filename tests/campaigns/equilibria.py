@@ -231,9 +231,9 @@ class Equilibria(Work):
     seed: int = 1
     rows: tuple[str, ...] = LAWS
 
-    name, title = "equilibria", "Friction on few rows beside enumeration"
+    name, title = "equilibria", "Friction on few rows compared with enumeration"
     columns = """law = {law} | problems = {problems} | none = {none} | one = {one}
-        | several = {several} | most = {most} | complaints = {complaints}"""
+        | several = {several} | most = {most} | failures = {complaints}"""
 
     def cells(self):
         """The problems by law and seed."""
@@ -280,8 +280,9 @@ class Equilibria(Work):
         wrong = [r for r in records if r["wrong"]]
         return [
             "Random elastic blocks with 3 to 8 rows (5 with a limit), Poisson's ratios up to "
-            "0.499, coefficients from 0.2 to 10. Every contact state is solved by a program of its "
-            "own; a complaint is a status that does not fit the number of equilibria, cold or from "
-            "the solution with twice the coefficient, or forces that are none.",
+            "0.499, coefficients from 0.2 to 10. A separate program tries every contact state. A "
+            "failure is a status that does not agree with the number of equilibria (cold start, or "
+            "start from the solution with twice the coefficient), or forces that are no "
+            "equilibrium.",
             *[f"- {r['law']} {r['number']}: {'; '.join(r['wrong'])}" for r in wrong],
         ]

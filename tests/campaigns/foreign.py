@@ -81,14 +81,14 @@ class Foreign(Work):
     beds: Path = Path("out/beds")
     nodes: int = 4000
 
-    name, title = "foreign", "Files that others have written"
+    name, title = "foreign", "Mesh files of other projects"
     columns = """ = {bed} | files = {files} | not read = {unread} | without a body = {other}
-        | bodies = {bodies} | come in = {accepted} | refused = {refused} | raw errors = {raw}
+        | bodies = {bodies} | read = {accepted} | refused = {refused} | raw errors = {raw}
         | solved = {solved}"""
     note = (
         "Not read: by meshio, or a damaged deck, refused with the file's name. Without a body: "
-        "beams, shells and networks, refused as well. Bodies: solids, or plane meshes; each comes "
-        "in or is refused with a sentence. Solved: of those with at most {study.nodes} nodes, "
+        "beams, shells and networks, refused as well. Bodies: solids, or plane meshes; each is "
+        "read, or refused with a message. Solved: of those with at most {study.nodes} nodes, "
         "held at one end and pressed at the other by 1 percent of the length until it yields, "
         "order 1, converged. campaigns/beds.py says where the files are from."
     )

@@ -164,9 +164,9 @@ class Fuzz(Work):
             "and by the primal one. Materials over six orders of magnitude in stress and four in "
             "length, Poisson's ratio -0.4 to 0.49, yield bound 1e-4 to 3e-2 and hardening 1e-3 to "
             "3 of lame_mu, loads 0.03 to 16 times the yield bound. Complaints are exceptions, runs "
-            "that say converged with forces out of balance (assembled independently) above twice "
-            "the tolerance, and energies out of order; gap: what the energies leave between the "
-            "solutions, relative.",
+            "with the status converged whose residual forces (assembled independently) exceed "
+            "twice the tolerance, and energies in the wrong order. Gap: relative difference of "
+            "the energies.",
             *[f"- {number}: {'; '.join(texts)}" for number, texts in complaints],
         ]
 

@@ -192,7 +192,7 @@ class Hidden(Work):
             f"{self.seed}, down to a fiftieth of a mesh width in the plane and a tenth in space. "
             "For reference the problem is solved on a mesh that is aligned with them, where the "
             "bounds of its energy are proved. Margin: how far the energy there is above the lower "
-            "bound, in units of the bound. Error: what J falls by.",
+            "bound, in units of the bound. Error: the decrease of J.",
             *wrong,
         ]
 

@@ -82,7 +82,7 @@ class Intervals(Work):
     count: int = 55
     seed: int = 1
 
-    name, title = "intervals", "Intervals of goals beside fine values"
+    name, title = "intervals", "Intervals of goals compared with fine values"
     columns = " | ".join([" = {group}", *(f"{head} = {{{head}}}" for head in HEAD[1:])])
 
     def cells(self):
@@ -243,7 +243,7 @@ class Verdicts(Work):
             nodes = [count for word, count in found if word != "undecided"]
             guesses = [r["halved"][k] for r in done for k in both if r["halved"]]
             values = [
-                f"{100 * part:g} percent beside",
+                f"{100 * part:g} percent from the value",
                 len(done),
                 len(found),
                 words.count("wrong"),

@@ -62,13 +62,13 @@ MORE = 5
 GRACE = 10  # seconds of work beyond what the tests cost without a mutation
 KEPT = ("ngepc", "geometries", "notebooks", "tests", "docs", "benchmarks", "results")
 NOTE = (
-    "Each mutant is the package with one fault. Tests that execute its line run until one fails, "
-    "those of the same room first, tests of {study.seconds:g} s at most; 'no test executes the "
-    "line' and 'no test fails' are survivors. A mutant is equivalent where nobody who uses the "
-    "package can notice it; the reason stands beside it. Share: killed over all that are not "
-    "equivalent. Tests were written for survivors of this draw once they were known: faults of "
-    "another draw (--seed) are noticed less often. {study.elsewhere} is judged where PETSc is, by "
-    "make test-petsc, and not here."
+    "Each mutant is the package with one fault. Tests that execute the changed line run until one "
+    "fails, those of the same package first; a test may take {study.seconds:g} s. A mutant "
+    "survives if no test executes the line or no test fails. It is equivalent if no user of the "
+    "package can notice it; the table gives the reason. Share: killed over all that are not "
+    "equivalent. Tests were written for the survivors of this draw, so that fewer faults of "
+    "another draw (--seed) are detected. {study.elsewhere} is not included: make test-petsc tests "
+    "it where PETSc is installed."
 )
 
 

@@ -401,9 +401,9 @@ class Receipts(Work):
         refused = [r for r in records if r["refused"]]
         lines = [
             "Random problems of `tests/campaigns/random_problems.py`; one number of mesh, data, "
-            "displacement, stress, pressure or claim is changed. A judge without bounds says "
-            "whether that falsifies a claim; harmless changes, such as a yield stress where "
-            "nothing yields, leave the claims true. CPU times are medians.",
+            "displacement, stress, pressure or claim is changed. An independent program without "
+            "bounds decides whether this falsifies the claim. Harmless changes, such as a yield "
+            "stress where nothing yields, leave the claim true. CPU times are medians.",
             f"{len(refused)} problems have no receipt.",
         ]
         lines += [f"- {r['kind']} {r['number']}: {r['refused']}" for r in refused]
