@@ -28,7 +28,7 @@ def test_the_study_writes_a_row_for_each_quantity(tmp_path):
     lines = (tmp_path / "benchmarks.md").read_text().splitlines()
     rows = [line for line in lines if line.startswith("|")]
     assert len(rows) == 2 + 3 + 1
-    assert "eps_xy at A | 0.0136014 | P | 0.0136014 | +0.00 % | 0.1 % |" in rows[3]
+    assert "eps_xy at A | 0.0136014 P | 0.0136014 | +0.00 % | 0.1 % |" in rows[3]
     assert (tmp_path / "benchmark_step_42.png").stat().st_size > 5000
     assert study.succeeded(records)
     assert not study.succeeded([records[0] | {"beyond": " (beyond)"}])
