@@ -46,13 +46,12 @@ PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # and back
 CONSTANTS = {2: (1.1, 2.3), 3: (3.0, 9.0)}  # C_1, C_2
 LAWS = {"two-dimensional": (2, 2), "plane strain": (2, 3), "solid": (3, 3)}  # N, n
 DEEPEST = 6  # how often K is cut for the plastic terms
-CHILDREN = {
-    2: "00 01 02,11 12 01,22 02 12,12 02 01",
-    3: "00 01 02 03,01 11 12 13,02 12 22 23,03 13 23 33,"
-    "01 02 03 13,01 02 12 13,02 03 13 23,02 12 13 23",
-}
-"""Parts of K: each vertex is the mean of two."""
-QUADRATIC = {
+CHILDREN = {  # parts of K: each vertex is the mean of two
+    2: ["00 01 02", "11 12 01", "22 02 12", "12 02 01"],
+    3: ["00 01 02 03", "01 11 12 13", "02 12 22 23", "03 13 23 33",
+        "01 02 03 13", "01 02 12 13", "02 03 13 23", "02 12 13 23"],
+}  # fmt: skip
+QUADRATIC = {  # means of the products of quadratic Bernstein polynomials
     1: np.array([[6, 1, 3], [1, 6, 3], [3, 3, 4]]) / 30,
     2: np.array([[6, 1, 1, 1, 3, 3], [1, 6, 1, 3, 1, 3], [1, 1, 6, 3, 3, 1],
                  [1, 3, 3, 4, 2, 2], [3, 1, 3, 2, 4, 2], [3, 3, 1, 2, 2, 4]]) / 90,
@@ -65,16 +64,12 @@ def need(condition: object, message: str) -> None:
         raise ValueError(message)
 
 
-def gram(N: int, k: int) -> np.ndarray:
-    """Means of the products of the k Bernstein polynomials on a simplex."""
-    return QUADRATIC[N] if k > N + 1 else (1 + np.eye(k)) / (k * (k + 1))
-
-
 def cuts(N: int, k: int) -> np.ndarray:
     """Coefficients on the parts of a simplex from its own, (parts, k, k)."""
-    half = np.eye(N + 1) / 2
-    parts = [part.split() for part in CHILDREN[N].split(",")]
-    corners = np.array([[half[int(a)] + half[int(b)] for a, b in p] for p in parts])
+    ends = np.array(
+        [[[int(v) for v in p] for p in part.split()] for part in CHILDREN[N]]
+    )
+    corners = np.eye(N + 1)[ends].mean(axis=2)
     if k <= N + 1:
         return corners if k > 1 else np.ones((1, 1, 1))
     polar = np.einsum("pia,pjb,abk->pijk", corners, corners, np.eye(6)[BETWEEN])
@@ -88,19 +83,21 @@ def derivatives(c: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     return (2 - affine) * np.einsum("kvi...,kij->kv...j", c[:, table], slopes)
 
 
-def in_rows(a: np.ndarray) -> np.ndarray:
+def rows(a: np.ndarray) -> np.ndarray:
     """Components of fields in one row, (K, k, components)."""
     return a.reshape(*a.shape[:2], math.prod(a.shape[2:]))
 
 
 def size(a: np.ndarray) -> np.ndarray:
     """The largest norm of coefficients on each simplex."""
-    return np.sqrt((in_rows(a) ** 2).sum(axis=2)).max(axis=1)
+    return np.sqrt(np.einsum("kia,kia->ki", rows(a), rows(a)).max(axis=1))
 
 
 def inner(a: np.ndarray, b: np.ndarray, N: int) -> np.ndarray:
     """Means of the products of two fields with coefficients (K, k, ...)."""
-    return ((gram(N, a.shape[1]) @ in_rows(a)) * in_rows(b)).sum(axis=(1, 2))
+    k = a.shape[1]
+    means = QUADRATIC[N] if k > N + 1 else (1 + np.eye(k)) / (k * (k + 1))
+    return np.einsum("kia,kia->k", means @ rows(a), rows(b))
 
 
 def split(S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -110,43 +107,44 @@ def split(S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return m, S - m[..., None, None] * np.eye(n)
 
 
-def plastic(r: SimpleNamespace, s: np.ndarray, modulus: np.ndarray, p: bool) -> list:
-    """Plastic terms of phi (``p``) or phi*: bounds from above, K is cut where that gains.
+def density(s: np.ndarray, beta: np.ndarray, N: int, p: bool) -> np.ndarray:
+    """With x = s outside the ball |s| <= beta: means of beta |x| - s : x + |x|^2/2, or |x|^2/2.
 
-    With x = s outside the ball |s| <= beta: int beta |x| - s : x + |x|^2/2 over the modulus, or
-    int |x|^2/2 over it.  The first holds for any x, the second for any s - x in the ball.
+    The first is no less than that of the best x, the second no less than [|s| - beta]_+^2/2.
     """
-    k = s.shape[1]
-    table = cuts(r.N, k)
-    s = in_rows(s)
+    length = np.sqrt(np.einsum("kia,kia->ki", s, s))
+    over = np.maximum(length - beta[:, None], 0.0)
+    x = s * (over / np.where(length > 0, length, 1.0))[..., None]
+    if p:
+        return inner(x, x / 2 - s, N) + beta * over.mean(axis=1)
+    return inner(x, x, N) / 2
 
-    def values(s: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """The density at stress coefficients, (parts, coefficients)."""
-        length = np.sqrt((s**2).sum(axis=2))
-        over = np.maximum(length - r.beta[row, None], 0.0)
-        x = s * (over / np.where(length > 0, length, 1.0))[..., None]
-        if p:
-            return inner(x, x / 2 - s, r.N) + r.beta[row] * over.mean(axis=1)
-        return inner(x, x, r.N) / 2
 
-    row = np.flatnonzero(size(s) > r.beta)
-    s = s[row]
-    weight = (r.volume / modulus)[row]
-    value = weight * values(s, row)
-    found = [np.zeros(0)]
+def plastic(r: SimpleNamespace, s: np.ndarray, modulus: np.ndarray, p: bool) -> list:
+    """Plastic terms of phi (``p``) or phi*: bounds from above, K is cut where that gains."""
+    flows = size(s) > r.beta
+    i, j = np.triu_indices(r.n)
+    s = s[flows][..., i, j] * np.where(i == j, 1.0, math.sqrt(2))
+    beta = r.beta[flows]
+    weight = (r.volume / modulus)[flows]
+    value = weight * density(s, beta, r.N, p)
+    table = cuts(r.N, s.shape[1])
+    found = []
     for level in range(DEEPEST):
-        parts = (table @ s[:, None]).reshape(-1, k, s.shape[2])
-        inside = values(parts, np.repeat(row, len(table))).reshape(-1, len(table))
-        inside *= weight[:, None] / len(table)
-        gained = value - inside.sum(axis=1)
-        on = (gained * len(row) > r.fine) & (level < DEEPEST - 1)
-        found.append(np.minimum(value, inside.sum(axis=1))[~on])
-        s = parts.reshape(-1, *table.shape[:2], s.shape[2])[on].reshape(
-            -1, k, s.shape[2]
-        )
-        value = inside[on].ravel()
-        row = np.repeat(row[on], len(table))
-        weight = np.repeat(weight[on] / len(table), len(table))
+        s = (np.concatenate(table) @ s).reshape(-1, *s.shape[1:])
+        beta = beta.repeat(len(table))
+        weight = weight.repeat(len(table)) / len(table)
+        parts = weight * density(s, beta, r.N, p)
+        inside = parts.reshape(-1, len(table)).sum(axis=1)
+        on = ((value - inside) * len(value) > r.fine) & (level < DEEPEST - 1)
+        found.append(np.minimum(value, inside)[~on])
+        if not on.any():
+            break
+        on = on.repeat(len(table))
+        s = s[on]
+        beta = beta[on]
+        weight = weight[on]
+        value = parts[on]
     return found
 
 
@@ -172,10 +170,10 @@ def prepare(r: SimpleNamespace) -> None:
     need(count.max() <= 2, "cells: a side belongs to three cells")
     r.ends = nodes[first]
     r.side = side.reshape(-1, N + 1)
+    r.areas = r.measure.reshape(r.side.shape)
     r.first = first
     r.out = first[count == 1]  # sides of the boundary, by cell
-    same = r.boundary.shape == (len(r.out), N)
-    same = same and (r.boundary == r.ends[count == 1]).all()
+    same = np.array_equal(r.boundary, r.ends[count == 1])
     need(same, "boundary: the sides of a single cell, in ascending order, are needed")
     if r.cells.shape[1] > N + 1:
         nodes = np.column_stack([nodes, r.cells[:, N + 1 :].ravel()])
@@ -192,10 +190,8 @@ def check_admissible(r: SimpleNamespace) -> None:
     same = (r.on_sides == r.prescribed) | ~r.held[:, None]
     need(same.all(), "u: not the prescribed displacement")
     need((r.pressure >= 0).all(), "pressure: negative")
-    need(
-        (r.pressure[~r.contact] == 0).all(),
-        "pressure: not zero where there is no obstacle",
-    )
+    without = r.pressure[~r.contact]
+    need((without == 0).all(), "pressure: not zero where there is no obstacle")
     n = r.normal / r.measure[r.out, None]
     room = r.gap - (r.on_sides @ n[..., None])[..., 0]
     room -= r.near[:, None] * np.sqrt((r.on_sides**2).sum(axis=2))
@@ -251,9 +247,7 @@ def find_residuals(r: SimpleNamespace) -> None:
     r.reaction = np.where(r.held[:, None], missing, 0.0)
     jump[outside] = np.where(r.held[:, None], 0.0, missing)
     unsure = np.zeros(len(jump))
-    np.add.at(
-        unsure, r.side, (r.wrong * large)[:, None] * r.measure.reshape(r.side.shape)
-    )
+    np.add.at(unsure, r.side, (r.wrong * large)[:, None] * r.areas)
     given = size(r.traction) + r.pressure.max(axis=1)
     unsure[outside] += r.near * r.measure[r.out] * given
     r.unsure = unsure[outside]
@@ -314,15 +308,14 @@ def find_defect(r: SimpleNamespace) -> tuple[float, float]:
     force = r.inside * r.volume + outward.sum(axis=1)
     of_u = math.fsum(force * size(r.u[r.cells]))
     reach = 2 * float(np.ptp(r.points, axis=0).sum() + np.abs(r.points).max())
-    area = r.measure.reshape(r.side.shape)
     narrow = variance(r.points[r.ends], 1)[r.side]
     pulled = carried(r, force, reach)[r.side] * (1 + reach / np.sqrt(narrow))
-    pulled = (outward + pulled) / np.sqrt(area)
+    pulled = (outward + pulled) / np.sqrt(r.areas)
     thin = np.sqrt(variance(r.points[r.cells[:, : N + 1]], 0))
     turned = force * (1 + r.length / thin) / np.sqrt(r.volume)
     inner_part = r.inside * np.sqrt(r.volume) + turned
     first, second = CONSTANTS[N]
-    outer_part = (np.sqrt(area / r.det[:, None]) * pulled).sum(axis=1)
+    outer_part = (np.sqrt(r.areas / r.det[:, None]) * pulled).sum(axis=1)
     b = r.length**2 * r.steep * (first * inner_part + second * outer_part)
     soft = 2 * r.mu * r.hardening / (2 * r.mu + r.hardening)
     m = np.minimum(soft, r.n * r.bulk)
