@@ -46,10 +46,10 @@ PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # and back
 CONSTANTS = {2: (1.1, 2.3), 3: (3.0, 9.0)}  # C_1, C_2
 LAWS = {"two-dimensional": (2, 2), "plane strain": (2, 3), "solid": (3, 3)}  # N, n
 DEEPEST = 6  # how often K is cut for the plastic terms
-CHILDREN = {  # parts of K: each vertex is the mean of two
-    2: ["00 01 02", "11 12 01", "22 02 12", "12 02 01"],
-    3: ["00 01 02 03", "01 11 12 13", "02 12 22 23", "03 13 23 33",
-        "01 02 03 13", "01 02 12 13", "02 03 13 23", "02 12 13 23"],
+CHILDREN = {  # parts of K: 21 is the mean of vertices 2 and 1; the order matters (Bey)
+    2: np.array([[0, 10, 20], [11, 21, 10], [22, 20, 21], [21, 20, 10]]),
+    3: np.array([[0, 10, 20, 30], [10, 11, 21, 31], [20, 21, 22, 32], [30, 31, 32, 33],
+                 [10, 20, 30, 31], [10, 20, 21, 31], [20, 30, 31, 32], [20, 21, 31, 32]]),
 }  # fmt: skip
 QUADRATIC = {  # means of the products of quadratic Bernstein polynomials
     1: np.array([[6, 1, 3], [1, 6, 3], [3, 3, 4]]) / 30,
@@ -66,10 +66,8 @@ def need(condition: object, message: str) -> None:
 
 def cuts(N: int, k: int) -> np.ndarray:
     """Coefficients on the parts of a simplex from its own, (parts, k, k)."""
-    ends = np.array(
-        [[[int(v) for v in p] for p in part.split()] for part in CHILDREN[N]]
-    )
-    corners = np.eye(N + 1)[ends].mean(axis=2)
+    vertex = np.eye(N + 1)
+    corners = (vertex[CHILDREN[N] // 10] + vertex[CHILDREN[N] % 10]) / 2
     if k <= N + 1:
         return corners if k > 1 else np.ones((1, 1, 1))
     polar = np.einsum("pia,pjb,abk->pijk", corners, corners, np.eye(6)[BETWEEN])
