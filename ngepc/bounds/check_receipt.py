@@ -27,8 +27,6 @@ boundary (u_i = U_i) and may touch an obstacle (u . n <= psi).  With e = dev eps
    is at most b (2 G)^(1/2).
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
@@ -40,13 +38,19 @@ import numpy as np
 ROUNDINGS = 64
 EPS = ROUNDINGS * float(np.finfo(float).eps)
 FORMAT = "ngepc receipt 1"
+ARRAYS = {  # types and shapes: k coefficients on K, t on each of the S sides of the boundary
+    float: "points PN, u UN, stress Kknn, lame_lambda K, mu K, hardening K, beta K, "
+    "initial K1nn, back K1nn, body_force KN, prescribed StN, traction StN, gap St, pressure St",
+    int: "cells Kk, boundary SN",
+    bool: "held SN, contact S",
+}  # fmt: skip
 SIDES = {2: [[1, 2], [0, 2], [0, 1]], 3: [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]}
 BETWEEN = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # coefficient of two vertices
 PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # and back
 CONSTANTS = {2: (1.1, 2.3), 3: (3.0, 9.0)}  # C_1, C_2
 LAWS = {"two-dimensional": (2, 2), "plane strain": (2, 3), "solid": (3, 3)}  # N, n
 DEEPEST = 6  # how often K is cut for the plastic terms
-CHILDREN = {  # parts of K: 21 is the mean of vertices 2 and 1; the order matters (Bey)
+CHILDREN = {  # parts of K by Bey; 21 is the mean of vertices 2 and 1
     2: np.array([[0, 10, 20], [11, 21, 10], [22, 20, 21], [21, 20, 10]]),
     3: np.array([[0, 10, 20, 30], [10, 11, 21, 31], [20, 21, 22, 32], [30, 31, 32, 33],
                  [10, 20, 30, 31], [10, 20, 21, 31], [20, 30, 31, 32], [20, 21, 31, 32]]),
@@ -105,7 +109,7 @@ def split(S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return m, S - m[..., None, None] * np.eye(n)
 
 
-def density(s: np.ndarray, beta: np.ndarray, N: int, p: bool) -> np.ndarray:
+def plastic_density(s: np.ndarray, beta: np.ndarray, N: int, p: bool) -> np.ndarray:
     """With x = s outside the ball |s| <= beta: means of beta |x| - s : x + |x|^2/2, or |x|^2/2.
 
     The first is no less than that of the best x, the second no less than [|s| - beta]_+^2/2.
@@ -125,14 +129,14 @@ def plastic(r: SimpleNamespace, s: np.ndarray, modulus: np.ndarray, p: bool) -> 
     s = s[flows][..., i, j] * np.where(i == j, 1.0, math.sqrt(2))
     beta = r.beta[flows]
     weight = (r.volume / modulus)[flows]
-    value = weight * density(s, beta, r.N, p)
+    value = weight * plastic_density(s, beta, r.N, p)
     table = cuts(r.N, s.shape[1])
     found = []
     for level in range(DEEPEST):
         s = (np.concatenate(table) @ s).reshape(-1, *s.shape[1:])
         beta = beta.repeat(len(table))
         weight = weight.repeat(len(table)) / len(table)
-        parts = weight * density(s, beta, r.N, p)
+        parts = weight * plastic_density(s, beta, r.N, p)
         inside = parts.reshape(-1, len(table)).sum(axis=1)
         on = ((value - inside) * len(value) > r.fine) & (level < DEEPEST - 1)
         found.append(np.minimum(value, inside)[~on])
@@ -144,6 +148,20 @@ def plastic(r: SimpleNamespace, s: np.ndarray, modulus: np.ndarray, p: bool) -> 
         weight = weight[on]
         value = parts[on]
     return found
+
+
+def check_shapes(arrays: dict[str, np.ndarray], N: int, n: int) -> None:
+    """Arrays are finite and as ``ARRAYS`` says: a letter is the same number everywhere."""
+    k = arrays["cells"].shape[1]
+    need(k == N + 1 or (N, k) == (2, 6), "cells: neither order one nor order two")
+    sizes = {"1": 1, "N": N, "n": n, "k": k, "t": N if k == N + 1 else N + 1}
+    for kind, table in ARRAYS.items():
+        for name, letters in map(str.split, table.split(", ")):
+            values = arrays[name]
+            fits = values.dtype == kind and values.ndim == len(letters)
+            shape = tuple(map(sizes.setdefault, letters, values.shape))
+            need(fits and values.shape == shape, f"{name}: wrong type or shape")
+            need(np.isfinite(values).all(), f"{name}: not finite")
 
 
 def prepare(r: SimpleNamespace) -> None:
@@ -164,23 +182,21 @@ def prepare(r: SimpleNamespace) -> None:
     r.measure = np.sqrt((r.area**2).sum(axis=1))
     nodes = corner[:, SIDES[N]].reshape(-1, N)
     number = nodes @ len(r.points) ** np.arange(N)[::-1]
-    _, first, side, count = np.unique(number, True, True, True)
+    _, r.first, side, count = np.unique(number, True, True, True)
     need(count.max() <= 2, "cells: a side belongs to three cells")
-    r.ends = nodes[first]
+    r.ends = nodes[r.first]
     r.side = side.reshape(-1, N + 1)
     r.areas = r.measure.reshape(r.side.shape)
-    r.first = first
-    r.out = first[count == 1]  # sides of the boundary, by cell
+    r.out = r.first[count == 1]  # sides of the boundary, by cell
     same = np.array_equal(r.boundary, r.ends[count == 1])
     need(same, "boundary: the sides of a single cell, in ascending order, are needed")
-    if r.cells.shape[1] > N + 1:
-        nodes = np.column_stack([nodes, r.cells[:, N + 1 :].ravel()])
-    need((nodes[first][side.ravel()] == nodes).all(), "u: not continuous")
+    nodes = np.column_stack([nodes, r.cells[:, N + 1 :].reshape(len(nodes), -1)])
+    need((nodes[r.first][side.ravel()] == nodes).all(), "u: not continuous")
     r.on_sides = r.u[nodes[r.out]]
     r.normal = r.area[r.out]
     r.near = r.wrong[r.out // (N + 1)]
-    r.load = r.traction * r.measure[r.out, None, None]
-    r.load = r.load - r.pressure[..., None] * r.normal[:, None]
+    pressed = r.pressure[..., None] * r.normal[:, None]
+    r.load = r.traction * r.measure[r.out, None, None] - pressed
 
 
 def check_admissible(r: SimpleNamespace) -> None:
@@ -188,10 +204,9 @@ def check_admissible(r: SimpleNamespace) -> None:
     same = (r.on_sides == r.prescribed) | ~r.held[:, None]
     need(same.all(), "u: not the prescribed displacement")
     need((r.pressure >= 0).all(), "pressure: negative")
-    without = r.pressure[~r.contact]
-    need((without == 0).all(), "pressure: not zero where there is no obstacle")
+    need((r.pressure[~r.contact] == 0).all(), "pressure: where no obstacle is")
     n = r.normal / r.measure[r.out, None]
-    room = r.gap - (r.on_sides @ n[..., None])[..., 0]
+    room = r.gap - np.einsum("ska,sa->sk", r.on_sides, n)
     room -= r.near[:, None] * np.sqrt((r.on_sides**2).sum(axis=2))
     c = room[r.contact]
     need((c[:, : r.N] >= 0).all(), "u: inside the obstacle at a vertex")
@@ -233,9 +248,8 @@ def find_residuals(r: SimpleNamespace) -> None:
     large = size(S)
     force = r.body_force[:, None]
     r.inside = size(rest + force) + r.wrong * (3 * large * r.steep + size(force))
-    places = np.array(SIDES[r.N])
-    if r.load.shape[1] > r.N:
-        places = np.column_stack([places, [3, 4, 5]])
+    edges = np.arange(r.N + 1, S.shape[1]).reshape(r.N + 1, -1)
+    places = np.column_stack([SIDES[r.N], edges])
     area = r.area.reshape(len(S), -1, 1, r.N, 1)
     T = (S[:, places] @ area)[..., 0].reshape(len(r.area), -1, r.N)
     jump = np.zeros((len(r.ends), *T.shape[1:]))
@@ -340,9 +354,8 @@ def lower_energy(r: SimpleNamespace) -> float:
 def interval(arrays: dict[str, np.ndarray], header: dict) -> tuple[float, float]:
     """What the least energy lies between; ValueError where the arrays are not admissible."""
     need(header["format"] == FORMAT, f"format: {FORMAT!r} is needed")
-    for name, values in arrays.items():
-        need(np.isfinite(values).all(), f"{name}: not finite")
     N, n = LAWS[header["kinematics"]]
+    check_shapes(arrays, N, n)
     r = SimpleNamespace(**arrays, N=N, n=n, fine=float(header["resolution"]))
     r.bulk = r.lame_lambda + 2 * r.mu / n
     for name in ("mu", "beta", "hardening", "bulk"):

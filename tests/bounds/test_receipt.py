@@ -156,6 +156,44 @@ def test_claims_that_are_too_good_do_not_pass(tmp_path):
     assert passes(arrays, header | {"upper": header["upper"] + width})
 
 
+def changed_types(arrays):
+    """Arrays that mean the same to a reader, and something else to numpy."""
+    held = arrays["held"].astype(int)
+    moved = arrays["u"] + 0.1 * np.ptp(arrays["u"])
+    yield "held", arrays | {"held": held, "u": moved}
+    yield "contact", arrays | {"contact": arrays["contact"].astype(int)}
+    yield "cells", arrays | {"cells": arrays["cells"].astype(np.uint64)}
+    yield "u", arrays | {"u": arrays["u"].astype(np.float32)}
+    yield "stress", arrays | {"stress": arrays["stress"] + 0j}
+    yield "traction", arrays | {"traction": arrays["traction"][:, :1]}
+    yield "mu", arrays | {"mu": arrays["mu"][:1]}
+    yield "pressure", arrays | {"pressure": arrays["pressure"][0]}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_other_types_and_shapes_do_not_pass(order, tmp_path):
+    """~1 is -2, which numpy takes as true: held sides of integers would not be checked."""
+    path = tmp_path / "receipt.npz"
+    write_receipt(semismooth_newton(CASES["pressed"](order)), path)
+    arrays, header = opened(path)
+    assert passes(arrays, header)
+    for name, other in changed_types(arrays):
+        with pytest.raises(ValueError, match=f"^{name}: "):
+            check_receipt.interval(other, header)
+
+
+def test_stress_and_sides_have_one_order(tmp_path):
+    """Tractions at vertices alone do not show jumps in the middle of sides."""
+    path = tmp_path / "receipt.npz"
+    write_receipt(semismooth_newton(CASES["pressed"](2)), path)
+    arrays, header = opened(path)
+    arrays["cells"] = arrays["cells"][:, :3]
+    for name in ("prescribed", "traction", "gap", "pressure"):
+        arrays[name] = arrays[name][:, :2]
+    with pytest.raises(ValueError, match=r"^stress: "):
+        check_receipt.interval(arrays, header)
+
+
 def test_the_checker_needs_numpy_alone(tmp_path):
     """A copy of the file in an empty folder, Python without site packages but numpy's."""
     path = tmp_path / "receipt.npz"
@@ -172,6 +210,22 @@ def test_the_checker_needs_numpy_alone(tmp_path):
     )
     assert done.returncode == 0
     assert "PASS" in done.stdout
+
+
+@pytest.mark.parametrize(("N", "shapes"), [(2, 1), (3, 3)])
+def test_parts_of_parts_do_not_degenerate(N, shapes):
+    """Bey (1995): cutting a tetrahedron again and again makes three shapes, of equal volume."""
+    simplices = np.random.default_rng(N).normal(size=(1, N + 1, N))
+    whole = abs(np.linalg.det(simplices[0, 1:] - simplices[0, 0]))
+    table = np.concatenate(check_receipt.cuts(N, N + 1))
+    for level in range(1, 5):
+        simplices = (table @ simplices).reshape(-1, N + 1, N)
+        volume = abs(np.linalg.det(simplices[:, 1:] - simplices[:, :1]))
+        np.testing.assert_allclose(volume, whole / 2 ** (N * level), rtol=1e-9)
+        i, j = np.triu_indices(N + 1, 1)
+        edges = np.linalg.norm(simplices[:, i] - simplices[:, j], axis=2)
+        scaled = np.round(np.sort(edges, axis=1) * 2**level, 9)
+        assert len(np.unique(scaled, axis=0)) <= shapes
 
 
 def test_the_checker_is_short():
