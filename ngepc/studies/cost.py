@@ -100,10 +100,10 @@ class Cost(OverMeshes):
         "Example (a), tolerance 1e-10. Times are processor times of one thread, medians over a "
         "run; every step is compared with the linear-elastic solves (assembly, sparsecholesky, "
         "solution) right before and after it. A step is assembly, factorisation, contact, line "
-        "search and residual norms. Largest is the dearest step of the run, set-up everything "
-        "before the first, the whole solve both and the result; peak memory is that of the "
-        "process, NGSolve, mesh and elastic solves included. The load average counts everything "
-        "that ran on the machine."
+        "search and residual norms. 'Largest' is the most expensive step of the run. 'Set-up' is "
+        "everything before the first step. The whole solve consists of set-up, steps and result. "
+        "Peak memory is that of the process, with NGSolve, mesh and elastic solves. The load "
+        "average counts everything that ran on the machine."
     )
 
     def cells(self) -> list[dict]:

@@ -133,8 +133,8 @@ class Large(OverMeshes):
     note = (
         f"Solver {{study.solver}}, order {{study.order}}, tolerance {TOLERANCE:g}, nested from "
         "281 vertices; CPU seconds "
-        "from the coarsest mesh on, meshes included; MB: the most that the process has held so "
-        "far; direct: difference of the energies."
+        "from the coarsest mesh on, meshes included; MB: peak memory of the process so far; "
+        "direct: difference from the energy by the direct solver."
     )
 
     def cells(self) -> list[dict]:

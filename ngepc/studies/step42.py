@@ -91,7 +91,7 @@ class Step42(OverMeshes):
         "prints F = 37.3058 there, and F = 56.794 after three adaptive refinements (52,497 "
         "unknowns, 38.4 s on 16 cores), whose finest cells are those of 64^3. Refined: with "
         f"PyAMG(), each mesh started from the one before, tolerance {TOLERANCE:g}; CPU s from the "
-        "coarsest mesh on, MB: the most that the process has held."
+        "coarsest mesh on; MB: peak memory of the process."
     )
 
     def cells(self) -> list[dict]:

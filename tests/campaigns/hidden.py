@@ -143,7 +143,7 @@ class Hidden(Work):
     count: int = 400
     seed: int = 1
 
-    name, title = "hidden", "Loads and obstacles that rules miss"
+    name, title = "hidden", "Loads and obstacles that quadrature misses"
     columns = " | ".join([" = {group}", *(f"{head} = {{{head}}}" for head in HEAD[1:])])
 
     def cells(self):

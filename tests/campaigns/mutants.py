@@ -104,7 +104,7 @@ class Mutants(Work):
     judged: bool = False
     trusted: bool = False
 
-    name, title = "mutants", "Faults that tests notice"
+    name, title = "mutants", "Faults that tests detect"
     columns = (
         "room = {room} | line = {module}:{line} | kind = {kind} | before = `{before}` "
         "| after = `{after}` | verdict = {verdict} | by, or why = {why}"

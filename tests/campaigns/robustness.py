@@ -31,9 +31,9 @@ METHODS = ("primal", "default", "coupled", "path")
 NOTE = (
     "Newton steps, with the status in words where a run did not converge. The unit square on 169 "
     "nodes in plane strain, fixed below, sheared and pulled against an obstacle; one datum at a "
-    "time leaves its usual value (Poisson 0.3, h/mu 0.1, gamma 1e3 for the coupled method, aspect "
-    "ratio 1, half of the upper side in contact). Cold starts, at most {limit} steps; the path "
-    "goes up in factors of ten from gamma = 1 and counts all its steps."
+    "time is changed from its usual value (Poisson 0.3, h/mu 0.1, gamma 1e3 for the coupled "
+    "method, aspect ratio 1, half of the upper side in contact). Cold starts, at most {limit} "
+    "steps; the path increases gamma from 1 in factors of ten, and all its steps are counted."
 )
 
 
