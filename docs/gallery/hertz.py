@@ -1,8 +1,8 @@
 """A rigid disc pressed into a block: Hertz's contact pressure, and how yielding flattens it.
 
-With 2 x 2 tensors the elastic law is that of plane strain, so the plane modulus is
-E* = 4 mu (lambda + mu) / (lambda + 2 mu).  Under a rigid disc of radius R the line force P belongs
-to the half width a = sqrt(4 P R / (pi E*)) and to the pressure 2 P / (pi a) sqrt(1 - x^2/a^2).
+In plane strain the modulus is E* = E / (1 - nu^2). Under a rigid disc of radius R the line force
+P belongs to the half width a = sqrt(4 P R / (pi E*)) and to the pressure 2 P / (pi a) sqrt(1 -
+x^2/a^2).
 """
 
 import math
@@ -19,14 +19,17 @@ from ngepc.model.obstacles import Disc
 from ngepc.pictures import beside, plot_field
 from ngepc.pictures.curves import pressure_curves
 
-LAME, RADIUS, DEPTH = 1e3, 5.0, 0.02
-PLANE_MODULUS = 4 * LAME * (2 * LAME) / (3 * LAME)
+YOUNG = 2.5e3
+POISSON = 0.25
+RADIUS = 5.0
+DEPTH = 0.02
+PLANE_MODULUS = YOUNG / (1 - POISSON**2)
 
 
 def pressed(mesh, yield_stress):
     """The block under the disc, which has come down by DEPTH."""
-    material = Material.kinematic(
-        lame_lambda=LAME, lame_mu=LAME, yield_stress=yield_stress, hardening=100.0
+    material = Material.metal(
+        young=YOUNG, poisson=POISSON, yield_stress=yield_stress, plastic_modulus=150.0
     )
     gap = Disc((0.0, RADIUS), RADIUS).gap(mesh, motion=(0.0, -DEPTH))
     problem = Problem(mesh, material, contact="contact", gap=gap, order=2)
@@ -46,7 +49,7 @@ def main(out: Path, coarse: bool = False) -> str:
     mesh = punch.mesh(fine=0.04)
     for _ in range(1 if coarse else 2):
         mesh.Refine()
-    elastic, plastic = pressed(mesh, 1e6), pressed(mesh, 10.0)
+    elastic, plastic = pressed(mesh, 1e6), pressed(mesh, 12.25)
     force = elastic.contact_force
     a = math.sqrt(4 * force * RADIUS / (math.pi * PLANE_MODULUS))
     peak = 2 * force / (math.pi * a)

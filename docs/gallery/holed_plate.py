@@ -22,8 +22,12 @@ STRETCH, CORNERS = 1.2e-3, (1, -1, 1, -1, 1)
 
 def quarter(maxh):
     """A quarter of the plate, its top moved by STRETCH at factor 1."""
-    material = Material.kinematic(
-        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
+    material = Material.metal(
+        young=2.5e3,
+        poisson=0.25,
+        yield_stress=np.sqrt(1.5) * 1.25,
+        plastic_modulus=150.0,
+        kind="kinematic",
     )
     supports = {"left": (0, None), "bottom": (None, 0), "top": (None, STRETCH)}
     return Problem(
