@@ -84,7 +84,8 @@ class HillLaw(Law):
             if done.all():
                 break
             growth = self.resistance.slope(g)[:, None] + modulus[:, None] * self._values
-            slope = (along / stretched**3 * growth).sum(axis=1) / (1 + excess)
+            norm = np.where(excess > -1, 1 + excess, 1.0)  # a stress of zero is done
+            slope = (along / stretched**3 * growth).sum(axis=1) / norm
             newton = g + excess / np.where(slope > 0, slope, 1.0)
             good = (low < newton) & (newton < high)
             g = np.where(done, g, np.where(good, newton, 0.5 * (low + high)))

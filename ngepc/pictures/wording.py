@@ -19,9 +19,11 @@ from ngepc.evolution.result import Evolution
 from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
 from ngepc.model.hardening import HardeningLaw
+from ngepc.model.hill import Hill
 from ngepc.model.material import PEEQ, Material
 from ngepc.model.places import Coulomb, Roller, values_at
 from ngepc.model.problem import Problem
+from ngepc.model.viscosity import RateLaw
 from ngepc.pictures.drawable import PLAIN, UnitNames
 from ngepc.pictures.sampling import corners_of, visible
 from ngepc.results.fields import Fields
@@ -39,6 +41,8 @@ GIVEN = {
     "kinematic_share": ("kinematic part of the hardening", ""),
 }
 """Arguments of ``Material.metal`` -> words, and their unit."""
+
+RATE = "overstress of the rate of plastic strain"
 
 
 FORCES = {
@@ -164,8 +168,14 @@ def describe_material(material: Material, units: UnitNames = PLAIN) -> Rows:
     rows += [row(n, amount(v, stress)) for n, v in others.items() if n not in zero]
     if material.law is not None:
         rows.append(row("hardening law", said_law(material.law)))
+    elif material.overlay is not None:
+        rows.append(row("hardening", f"{material.overlay.count} sub-elements"))
     elif len(zero) == len(others):
         rows.append(row("hardening", "none: perfectly plastic"))
+    if material.hill is not None:
+        rows.append(row("anisotropic yield", said_law(material.hill)))
+    if material.rate is not None:
+        rows.append(row(RATE, said_law(material.rate)))
     return rows
 
 
@@ -175,12 +185,14 @@ def _given(name: str, value: object, units: UnitNames) -> dict[str, object]:
         ends = f"from {number(value[0][1], stress)} to {number(value[-1][1], stress)}"
         text = f"{len(value)} points, {ends}, strains up to {number(strains[-1])}"
         return row("stress-strain curve of a tensile test", text)
+    if name == "rate":
+        return row(RATE, said_law(value))
     words, kind = GIVEN[name]
     unit = unit_of(units, kind)
     return row(words, value if isinstance(value, str) else amount(value, unit))
 
 
-def said_law(law: HardeningLaw) -> str:
+def said_law(law: HardeningLaw | RateLaw | Hill) -> str:
     """The name of a law and its numbers."""
     numbers = [f"{k} {v:g}" for k, v in vars(law).items() if is_number(v)]
     return ", ".join([type(law).__name__, *numbers])

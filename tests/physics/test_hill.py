@@ -181,3 +181,16 @@ def test_what_is_refused():
         Hill.r_values(1.0, -1.0, 1.0)
     with pytest.raises(ValueError, match="finite"):
         pulled(Hill(angle=CF(1.0) / (x - x)), 1.0)
+
+
+def test_a_point_without_stress_yields_nothing_beside_one_that_yields():
+    problem = pulled(ANISOTROPIC, 1.5 * YIELD)
+    points = Points(problem.mesh, problem.kinematics, problem.order)
+    law = law_of(problem, points)
+    d = problem.kinematics.d
+    s = np.zeros((len(points), d))
+    s[1:, 0] = 3 * YIELD
+    with np.errstate(all="raise"):
+        gained = law.gained_at(s, np.full(len(points), 800.0))
+    assert gained[0] == 0
+    assert (gained[1:] > 0).all()

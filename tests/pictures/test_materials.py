@@ -1,14 +1,17 @@
 """The stress-strain curve of a material is that of a bar."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.pyplot import close
 from ngsolve import CF
 
-from ngepc import Material, Norton, Problem, plot_material
+from ngepc import Hill, Material, Norton, Problem, plot_material
 from ngepc.geometries import block
 from ngepc.pictures import UnitNames
 from ngepc.pictures.report import describe_problem
+from ngepc.pictures.wording import describe_material
 
 STEEL = {"young": 210e3, "poisson": 0.3, "yield_stress": 210.0, "tangent_modulus": 2e3}
 METAL = Material.metal(**STEEL, kind="kinematic")
@@ -73,3 +76,25 @@ def test_reports_show_engineering_constants():
     assert said["slope of the stress-strain curve beyond yielding"] == "2000 MPa"
     assert said["hardening"] == "kinematic"
     assert "lame mu" not in said
+
+
+def test_reports_name_rates_anisotropy_and_sub_elements():
+    law = Norton(overstress=300.0, exponent=5.0)
+    given = {"young": 210e3, "poisson": 0.3}
+    viscous = Material.metal(**given, yield_stress=210.0, plastic_modulus=0, rate=law)
+    said = {row["quantity"]: row["value"] for row in describe_material(viscous)}
+    words = "Norton, overstress 300, exponent 5"
+    assert said["overstress of the rate of plastic strain"] == words
+
+    rolled = replace(viscous, hill=Hill(F=0.4))
+    said = {row["quantity"]: row["value"] for row in describe_material(rolled)}
+    assert said["overstress of the rate of plastic strain"] == words
+    assert said["anisotropic yield"].startswith("Hill, F 0.4, G 0.5")
+
+    curve = [(0.001, 200.0), (0.003, 300.0), (0.01, 400.0)]
+    overlay = Material.cyclic(**given, curve=curve).overlay
+    layers = Material(
+        lame_lambda=1e5, lame_mu=8e4, yield_stress=overlay.bounds[0], overlay=overlay
+    )
+    said = {row["quantity"]: row["value"] for row in describe_material(layers)}
+    assert said["hardening"] == "3 sub-elements"  # one never yields
