@@ -73,10 +73,39 @@ def parts_of(N: int, degree: int, cuts: int) -> np.ndarray:
     return np.concatenate(parts)
 
 
+@cache
+def distinct_parts(N: int, degree: int, cuts: int) -> tuple[np.ndarray, np.ndarray]:
+    """The rows of ``parts_of`` without repetitions, and their shares of all rows.
+
+    Neighbouring parts have coefficients in common.
+    """
+    rows, counts = np.unique(parts_of(N, degree, cuts), axis=0, return_counts=True)
+    return rows, counts / counts.sum()
+
+
 def _parts(N: int, cuts: int) -> list[np.ndarray]:
-    """Barycentric corners of the equal triangles, or intervals, in a triangle, or interval."""
+    """Barycentric corners of the equal simplices in a simplex; ``cuts`` is 2^k in space."""
     steps = np.eye(N + 1)
+    if N == 3:
+        result = [steps]
+        for _ in range(int(math.log2(cuts))):
+            result = [half @ part for part in result for half in _eighths()]
+        return result
     result = [(a + steps) / cuts for a in multi_indices(N, cuts - 1)]
     if N == 1 or cuts == 1:
         return result
     return result + [(a + 1 - steps) / cuts for a in multi_indices(2, cuts - 2)]
+
+
+def _eighths() -> list[np.ndarray]:
+    """Barycentric corners of eight equal parts of a tetrahedron.
+
+    Four at its corners, and four of the octahedron between them, around one of its diagonals.
+    """
+    steps = np.eye(4)
+    corners = [(step + steps) / 2 for step in steps]
+    ring = [(0, 1), (0, 2), (2, 3), (1, 3)]
+    middles = [(steps[i] + steps[j]) / 2 for i, j in ring]
+    diagonal = [(steps[0] + steps[3]) / 2, (steps[1] + steps[2]) / 2]
+    around = [[middles[k - 1], middles[k]] for k in range(4)]
+    return corners + [np.array(diagonal + pair) for pair in around]

@@ -148,9 +148,9 @@ def slip_gaps(
             values[facets, cells.place[own, k, m]] = tensors[own, i]
     traction = np.einsum("fipq,fq->fip", values, cells.normal)
     slips = mechanism.slips
-    at_vertices = np.einsum("fip,fip->f", traction, slips)
-    of_sums = np.einsum("fp,fp->f", traction.sum(axis=1), slips.sum(axis=1))
-    power = cells.measure / (N * (N + 1)) * (at_vertices + of_sums)
+    hats = times_hats(N - 1, mechanism.degree)
+    mean = np.einsum("fap,ai,fip->f", slips, hats, traction, optimize=True)
+    power = cells.measure * mean
     gaps = mechanism.slipped + power
     owners = cells.owners
     sides = np.where(cells.outer, 1, 2)

@@ -17,7 +17,6 @@ from ngepc.limit.bernstein import (
     chains,
     integral,
     multi_indices,
-    parts_of,
     raised,
     times_hats,
 )
@@ -28,6 +27,7 @@ from ngepc.limit.flow_proof import (
     NOTHING,
     ROUNDED,
     coordinates,
+    dissipation,
     divergences,
     gradients,
     power_of,
@@ -38,9 +38,6 @@ from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.outline import Outline
 from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import YieldShape
-
-CUTS = 12
-"""Each edge of a cell is cut into so many parts to integrate the dissipation of a solution."""
 
 MIDDLES = (1 - np.eye(3)) / 2
 """Barycentric coordinates of the middles of edges."""
@@ -269,7 +266,7 @@ class ContinuousVelocities:
         if shape.free:
             below = self.degree - 1
             removed = removal(data, outline, divergences(gradient), below)
-        dissipated = data.bound * dissipation(strain[:, :, shape.free :], error)
+        dissipated = data.bound * dissipation(2, strain[:, :, shape.free :], error)
         powers = tuple(
             power_of(data, outline, exact, self.degree, kind) for kind in (GROWS, STAYS)
         )
@@ -293,19 +290,3 @@ class ContinuousVelocities:
             lengths = part.lengths(y) + ROUNDED * fastest
             total += float(part.weights @ lengths) * (1 + ROUNDED)
         return total
-
-
-def dissipation(strain: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """No less than the integrals of |strain|, from its coefficients (nc, m, s) times the volume.
-
-    ``error`` (nc, m) bounds the errors of their lengths.
-    """
-    parts = parts_of(2, _degree(strain), CUTS)
-    sizes = np.linalg.norm(parts @ strain, axis=2).mean(axis=1)
-    largest = np.linalg.norm(strain, axis=2).max(axis=1)
-    return sizes + error.max(axis=1) + ROUNDED * largest
-
-
-def _degree(strain: np.ndarray) -> int:
-    """The degree of polynomials with so many coefficients on a triangle."""
-    return {1: 0, 3: 1, 6: 2, 10: 3}[strain.shape[1]]

@@ -14,6 +14,7 @@ from ngsolve import (
     GridFunction,
     Mesh,
     VectorH1,
+    VectorL2,
 )
 
 from ngepc.geometries.outlines import netgen_mesh
@@ -53,16 +54,6 @@ def on_elements(mesh: Mesh, values: np.ndarray) -> GridFunction:
     return result
 
 
-def discontinuous(mesh: Mesh, values: np.ndarray) -> GridFunction:
-    """A vector that is affine on each element, with values (elements, vertices, N)."""
-    space = Discontinuous(H1(mesh, order=1))
-    result = GridFunction(space**mesh.dim)
-    components = values.reshape(-1, mesh.dim).T
-    for component, numbers in zip(result.components, components, strict=True):
-        component.vec.FV().NumPy()[:] = numbers
-    return result
-
-
 def stress_function(
     mesh: Mesh,
     data: LimitData,
@@ -95,9 +86,8 @@ def velocity_function(
     values = mechanism.values[cell_order(data)]
     speed = np.linalg.norm(corner_values(values, degree), axis=2).max()
     values = values / speed
-    if N == 3:
-        return discontinuous(mesh, corner_values(values, degree))
-    result = GridFunction(VectorH1(mesh, order=degree))
+    space = VectorL2 if N == 3 else VectorH1
+    result = GridFunction(space(mesh, order=degree))
     result.Set(polynomial(mesh, values, degree))
     numbers = result.vec.FV().NumPy()
     numbers[np.abs(numbers) < ROUNDED * np.abs(numbers).max()] = 0.0

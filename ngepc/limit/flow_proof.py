@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.bounds.simplices import FACETS, Simplices
-from ngepc.limit.bernstein import multi_indices, raised, times_hats
+from ngepc.limit.bernstein import distinct_parts, multi_indices, raised, times_hats
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.enclosed import LARGER, UNIT, Enclosed
 from ngepc.limit.outline import Outline, tree_from
@@ -122,6 +122,9 @@ def _of_speeds(
 ROUNDED = 1e-13
 """Relative rounding error of sums of lengths, beyond those of their vectors."""
 
+CUTS = {2: 12, 3: 8}
+"""Edges of a cell are cut into so many parts to integrate the dissipation of a solution."""
+
 
 def gradients(outline: Outline, values: Enclosed, degree: int) -> Enclosed:
     """Bernstein coefficients of velocity gradients times the volume, (nc, m, N, N).
@@ -142,6 +145,25 @@ def coordinates(shape: YieldShape, gradient: Enclosed) -> tuple[np.ndarray, np.n
     error = np.linalg.norm(gradient.radius, axis=(2, 3))
     rounded = 16 * UNIT * np.linalg.norm(gradient.middle, axis=(2, 3))
     return rates, size * (error + rounded) * LARGER
+
+
+def dissipation(N: int, strain: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """No less than the integrals of |strain|, from its coefficients (nc, m, s) times the volume.
+
+    ``error`` (nc, m) bounds the errors of their lengths.
+    """
+    parts, weights = distinct_parts(N, _degree(N, strain.shape[1]), CUTS[N])
+    sizes = np.linalg.norm(parts @ strain, axis=2) @ weights
+    largest = np.linalg.norm(strain, axis=2).max(axis=1)
+    return sizes + error.max(axis=1) + ROUNDED * largest
+
+
+def _degree(N: int, count: int) -> int:
+    """The degree of polynomials with so many coefficients on a simplex."""
+    degree = 0
+    while math.comb(degree + N, N) < count:
+        degree += 1
+    return degree
 
 
 def divergences(gradient: Enclosed) -> np.ndarray:

@@ -397,13 +397,14 @@ class Search:
             finer, parents = bisected_cells(cells, chosen, fans)
             data = last.data.on(finer, parents)
         else:
-            if self.lower > NOTHING * self.upper:
-                self.mesh, parents = bisected(self.mesh, chosen)
-                finer = Simplices.of(self.mesh)
-            else:
-                finer, parents = split_corners(self.original)
+            finer, parents = split_corners(self.original)
+            splits = len(finer.nodes) > len(cells.nodes)
+            if splits and self.lower <= NOTHING * self.upper:
                 whole = self.original.on(finer, parents)
                 self.mesh = mesh_of(whole, self.mesh, 1.0)
+            else:
+                self.mesh, parents = bisected(self.mesh, chosen)
+                finer = Simplices.of(self.mesh)
             self.original = self.original.on(finer, parents)
             data, _ = self.original.without_units()
         if len(finer.nodes) > max_cells:

@@ -22,8 +22,8 @@ class Mechanism:
     dissipated
         The dissipation of each cell.
     slips
-        Velocities of the second cell relative to the first at the vertices of facets, (nf, N, N);
-        zero where velocities are continuous.
+        Bernstein coefficients of the velocity of the first cell relative to the second on each
+        facet, (nf, m, N); zero where velocities are continuous.
     slipped
         The dissipation of the slips on each facet.
     factor

@@ -1,19 +1,29 @@
-"""The upper bound for solids: velocities of degree one that may slip along the facets of cells.
+"""The upper bound for solids: velocities of degree two that may slip along the facets of cells.
 
 Normal components are continuous, tangential ones may jump: a slip s dissipates beta |s| / 2^(1/2),
-with the smaller beta of both sides, also along a support.  The unknowns are the normal components
-at the vertices of facets: those of the N facets around a vertex of a cell determine its velocity
-there.  Strain rates are constant on cells and slips are affine on facets, so that the mean of |s|
-over the vertices of the parts of a facet is at least the mean over the facet.
+with the smaller beta of both sides, also along a support.  The velocity of a cell has Bernstein
+coefficients at its vertices and its edges.  The unknowns are those of the normal component on each
+facet, and one for each edge of each cell: the component along the edge.  At a vertex the N facets
+of the cell around it determine the coefficient, at an edge the N - 1 facets around it and the
+component along it.  Strain rates are affine on cells and slips are of degree two on facets: the
+lengths of their coefficients on small parts bound the dissipation.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from ngsolve import SEGM, TET, TRIG, IntegrationRule
 from scipy.sparse import csr_matrix, diags, eye, kron, vstack
 
-from ngepc.bounds.simplices import FACETS
-from ngepc.limit.bernstein import chains, parts_of
+from ngepc.limit.bernstein import (
+    bernstein_values,
+    chains,
+    integral,
+    multi_indices,
+    parts_of,
+    raised,
+    times_hats,
+)
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.enclosed import Enclosed, joined_enclosures
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
@@ -21,8 +31,10 @@ from ngepc.limit.flow_proof import (
     NOTHING,
     ROUNDED,
     coordinates,
+    dissipation,
     divergences,
     gradients,
+    of_facet,
     power_of,
     proved,
     removal,
@@ -33,18 +45,34 @@ from ngepc.limit.reading import completed_frame
 from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import SLIP, YieldShape
 
+DEGREE = 2
+"""Degree of the velocities."""
+
 CUTS = 8
 """Each edge is cut into so many parts to integrate the dissipation of slips."""
 
-INSIDE = {2: np.array([[0.79, 0.21], [0.21, 0.79]]), 3: (1 + 3 * np.eye(3)) / 6}
-"""Points of a facet at which the program evaluates slips, see ``sampling``."""
+ELEMENTS = {1: SEGM, 2: TRIG, 3: TET}
+"""The simplices by dimension."""
 
 ALONG = 1e-9
 """Components of unit vectors below this number count as zero."""
 
 
+def simplex_rule(N: int, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric points of a rule of this order on a simplex, and their weights of sum one."""
+    rule = IntegrationRule(ELEMENTS[N], order)
+    x = np.array(rule.points)[:, :N]
+    weights = np.array(rule.weights)
+    points = np.column_stack([1 - x.sum(axis=1), x])
+    return points, weights / weights.sum()
+
+
 class SlidingVelocities:
-    """Velocities that are affine on cells and may slip along facets.
+    """Velocities of degree two on cells that may slip along facets.
+
+    ``places`` (nc, N + 1, m) are the coefficients of the facets of cells, in the order of the
+    facet, among the n coefficients of the cell; ``unknown`` (nc, N + 1, n) is the number of the
+    normal component of a facet that belongs to a coefficient of the cell, -1 where none does.
 
     Parameters
     ----------
@@ -59,10 +87,12 @@ class SlidingVelocities:
         self.shape = shape
         cells = data.cells
         self.outline = Outline(cells)
-        N = cells.N
+        self._number_coefficients()
         self.through = self._through()
-        fluxes = self._flux_speeds()
-        given = np.repeat(self.through, N)
+        fluxes = np.zeros(self.count)
+        fluxes[: self.inner] = self._flux_speeds()
+        given = np.zeros(self.count, dtype=bool)
+        given[: self.inner] = np.repeat(self.through, self.of_facets)
         self.velocity = self._velocity(fluxes, given)
         self.fluxes = AffineRows(
             csr_matrix(diags(np.ones(len(given))))[:, ~given],
@@ -79,6 +109,33 @@ class SlidingVelocities:
             moves=data.moves,
         )
 
+    def _number_coefficients(self) -> None:
+        """Numbers of the coefficients of cells and facets, and of the unknowns."""
+        cells = self.data.cells
+        N = cells.N
+        own = np.arange(len(cells.nodes))
+        self.indices = multi_indices(N, DEGREE)
+        self.of_cells = len(self.indices)
+        self.of_facets = len(multi_indices(N - 1, DEGREE))
+        self.along = np.flatnonzero((self.indices > 0).sum(axis=1) == 2)
+        found = [
+            of_facet(cells, own, np.full(len(own), k), DEGREE) for k in range(N + 1)
+        ]
+        self.places = np.stack(found, axis=1)
+        self.slot = self.of_facets * cells.facet_of[..., None] + np.arange(
+            self.of_facets
+        )
+        self.unknown = np.full((len(own), N + 1, self.of_cells), -1)
+        np.put_along_axis(self.unknown, self.places, self.slot, axis=2)
+        self.inner = self.of_facets * len(cells.facets)
+        self.count = self.inner + len(own) * len(self.along)
+
+    def _motions(self) -> Enclosed:
+        """Coefficients of the velocities of supports on facets, (nf, m, N)."""
+        first, second = chains(self.data.cells.N - 1, DEGREE).T
+        motion = Enclosed(self.data.motion)
+        return (motion[:, first] + motion[:, second]) * 0.5
+
     def _held_part(self, vectors: np.ndarray) -> np.ndarray:
         """Projections of vectors (nf, k, N) onto the directions that supports hold on facets."""
         data = self.data
@@ -92,11 +149,12 @@ class SlidingVelocities:
         return np.linalg.norm(self._held_part(normal), axis=2)[:, 0] > 1 - ALONG
 
     def _flux_speeds(self) -> np.ndarray:
-        """The normal velocities of supports at the vertices of facets, flat."""
-        return np.einsum("fip,fp->fi", self.data.motion, self.data.cells.normal).ravel()
+        """Coefficients of the normal velocities of supports on facets, flat."""
+        motion = self._motions().middle
+        return np.einsum("fap,fp->fa", motion, self.data.cells.normal).ravel()
 
     def _velocity(self, fluxes: np.ndarray, given: np.ndarray) -> AffineRows:
-        """Components at the vertices of cells, rows (cell, vertex, component)."""
+        """Components of the coefficients, rows (cell, coefficient, component)."""
         cells = self.data.cells
         N = cells.N
         x = cells.points[cells.nodes]
@@ -106,18 +164,34 @@ class SlidingVelocities:
         rows = []
         columns = []
         own = np.arange(count)[:, None]
-        for k, vertices in enumerate(FACETS[N]):
-            for m, i in enumerate(vertices):
-                # the velocity with this flux through facet k and none through the others at i
-                along = -(x[:, k] - x[:, i]) * slope[:, k, None]
+        for place, index in enumerate(self.indices):
+            row = N * (self.of_cells * own + place) + np.arange(N)
+            middle = index @ x / DEGREE
+            for k in np.flatnonzero(index == 0):
+                # this normal component on facet k, none on the others around
+                along = (middle - x[:, k]) * slope[:, k, None]
                 values.append(along * cells.sign[:, k, None])
-                rows.append(N * ((N + 1) * own + i) + np.arange(N))
-                columns.append(np.broadcast_to(cells.slot[:, k, m, None], (count, N)))
-        size = (count * (N + 1) * N, len(fluxes))
+                rows.append(row)
+                column = self.unknown[:, k, place, None]
+                columns.append(np.broadcast_to(column, row.shape))
+        for e, place in enumerate(self.along):
+            i, j = np.flatnonzero(self.indices[place])
+            edge = x[:, j] - x[:, i]
+            values.append(edge / self._lengths(i, j)[:, None])
+            rows.append(N * (self.of_cells * own + place) + np.arange(N))
+            column = self.inner + len(self.along) * own + e
+            columns.append(np.broadcast_to(column, edge.shape))
+        size = (count * self.of_cells * N, len(fluxes))
         whole = sparse_rows(
             np.concatenate(values), np.concatenate(rows), np.concatenate(columns), size
         )
         return AffineRows(whole[:, ~given], whole @ np.where(given, fluxes, 0.0))
+
+    def _lengths(self, i: int, j: int) -> np.ndarray:
+        """The lengths of an edge of all cells."""
+        cells = self.data.cells
+        x = cells.points[cells.nodes]
+        return np.linalg.norm(x[:, j] - x[:, i], axis=1)
 
     def _applied(self, matrix: csr_matrix) -> AffineRows:
         """A matrix times the velocities."""
@@ -125,35 +199,43 @@ class SlidingVelocities:
         return AffineRows(csr_matrix(matrix @ velocity.rows), matrix @ velocity.offset)
 
     def _strain(self) -> csr_matrix:
-        """Coordinates of the strain rate times the size of the cell, rows (cell, c)."""
+        """Coordinates of strain rates times the size of the cell, rows (cell, coefficient, c)."""
         cells = self.data.cells
+        shape = self.shape
         N = cells.N
         size = cells.volume ** (1 / N)
-        values = np.einsum("t,cpq,tiq->tcip", size, self.shape.basis, cells.gradients)
+        steps = DEGREE * size[:, None, None] * cells.gradients
+        values = np.einsum("cpq,tiq->ticp", shape.basis, steps)
+        above = raised(N, DEGREE - 1)
         count = len(size)
-        rows = np.arange(count * self.shape.size).reshape(count, -1, 1, 1)
-        columns = np.arange(count * (N + 1) * N).reshape(count, 1, N + 1, N)
-        return sparse_rows(values, rows, columns, (rows.size, columns.size))
+        full = (count, len(above), N + 1, shape.size, N)
+        values = np.broadcast_to(values[:, None], full)
+        rows = np.arange(count * len(above) * shape.size)
+        rows = rows.reshape(count, len(above), 1, shape.size, 1)
+        numbers = self.of_cells * np.arange(count)[:, None, None] + above
+        columns = (N * numbers[..., None] + np.arange(N))[:, :, :, None]
+        height = count * self.of_cells * N
+        return sparse_rows(values, rows, columns, (rows.size, height))
 
     def _at_facets(self, vectors: np.ndarray, both: bool) -> csr_matrix:
-        """Products of vectors (nf, r, N) with velocities at the vertices of facets.
+        """Products of vectors (nf, r, N) with the coefficients of velocities on facets.
 
         The velocity of the first cell of each facet; with ``both``, less that of the second cell.
         """
         cells = self.data.cells
         N = cells.N
-        local = np.array(FACETS[N])
         kept = cells.sign > 0
         kept = kept | both
         values = np.where(kept, cells.sign, 0.0)[..., None, None]
         values = values * vectors[cells.facet_of]
         count = vectors.shape[1]
-        shape = (*cells.place.shape, count, N)
+        shape = (*self.places.shape, count, N)
         values = np.broadcast_to(values[:, :, None], shape)
-        row = count * cells.slot[..., None] + np.arange(count)
-        vertex = (N + 1) * np.arange(len(cells.nodes))[:, None, None] + local
-        column = N * vertex[..., None] + np.arange(N)
-        size = (cells.facets.size * count, len(cells.nodes) * (N + 1) * N)
+        row = count * self.slot[..., None] + np.arange(count)
+        first = self.of_cells * np.arange(len(cells.nodes))[:, None, None]
+        column = N * (first + self.places)[..., None] + np.arange(N)
+        width = len(cells.nodes) * self.of_cells * N
+        size = (self.inner * count, width)
         return sparse_rows(values, row[..., None], column[:, :, :, None, :], size)
 
     def _none(self) -> AffineRows:
@@ -167,8 +249,10 @@ class SlidingVelocities:
         oblique = ~self.through & (normal[:, 0] > ALONG)
         if oblique.any():
             held = np.arange(N) < data.held[:, None]
-            chosen = np.repeat((held & oblique[:, None])[:, None], N, axis=1).ravel()
-            speeds = np.einsum("frp,fip->fir", data.frame, data.motion).ravel()
+            chosen = (held & oblique[:, None])[:, None]
+            chosen = np.repeat(chosen, self.of_facets, axis=1).ravel()
+            motion = self._motions().middle
+            speeds = np.einsum("frp,fap->far", data.frame, motion).ravel()
             found = self._applied(self._at_facets(data.frame, both=False)[chosen])
             rows.append(AffineRows(found.rows, found.offset - speeds[chosen]))
         return AffineRows(
@@ -178,21 +262,28 @@ class SlidingVelocities:
 
     def _push(self) -> AffineRows:
         """Normal components on facets that obstacles touch."""
-        touched = np.repeat(self.data.contact, self.data.cells.N)
+        touched = self._touched()
         return AffineRows(self.fluxes.rows[touched], self.fluxes.offset[touched])
+
+    def _touched(self) -> np.ndarray:
+        """Which unknowns are normal components on facets that obstacles touch."""
+        result = np.zeros(self.count, dtype=bool)
+        result[: self.inner] = np.repeat(self.data.contact, self.of_facets)
+        return result
 
     def _power(self, kind: int) -> AffineRows:
         """Power of the loads that grow or stay."""
         data = self.data
         cells = data.cells
         N = cells.N
-        mass = (np.ones((N, N)) + np.eye(N)) / (N * (N + 1))
+        hats = times_hats(N - 1, DEGREE)
         loads = np.where(cells.outer[:, None, None], data.traction[kind], 0.0)
-        moments = np.einsum("f,ij,fjp->fip", cells.measure, mass, loads)
+        moments = np.einsum("f,ai,fip->fap", cells.measure, hats, loads)
         axes = np.tile(np.eye(N), (len(cells.facets), 1, 1))
         by_area = moments.ravel() @ self._at_facets(axes, both=False)
-        by_volume = cells.volume[:, None] / (N + 1) * data.force[kind]
-        by_volume = np.repeat(by_volume[:, None], N + 1, axis=1).ravel()
+        share = integral(N, DEGREE)
+        by_volume = share * cells.volume[:, None] * data.force[kind]
+        by_volume = np.repeat(by_volume[:, None], self.of_cells, axis=1).ravel()
         return self._applied(csr_matrix(by_area + by_volume))
 
     def _parts(self) -> list[DissipatedPart]:
@@ -201,28 +292,32 @@ class SlidingVelocities:
         cells = data.cells
         shape = self.shape
         N = cells.N
-        capped = np.arange(self.strain.shape[0]) % shape.size >= shape.free
+        points, weights = simplex_rule(N, 2 * (DEGREE - 1))
+        values = bernstein_values(DEGREE - 1, points)
+        rule = kron(eye(len(data.bound)), kron(values, np.eye(shape.size)))
+        sampled = csr_matrix(rule) @ self.strain
+        capped = np.arange(sampled.shape[0]) % shape.size >= shape.free
         size = cells.volume ** (1 / N)
-        strained = DissipatedPart(
-            self._applied(self.strain[capped]),
-            shape.capped,
-            data.bound * cells.volume / size,
-        )
+        cost = np.outer(data.bound * cells.volume / size, weights).ravel()
+        strained = DissipatedPart(self._applied(sampled[capped]), shape.capped, cost)
         return [strained, self._sampled(), *self.rubbing]
 
     def _sampled(self) -> DissipatedPart:
         """Slips at points inside facets."""
         slips = self.slips
         N = self.data.cells.N
-        rule = kron(INSIDE[N], np.eye(N - 1))
-        at_points = csr_matrix(kron(eye(len(slips.weights) // N), rule))
+        points, weights = simplex_rule(N - 1, 2 * DEGREE)
+        rule = kron(bernstein_values(DEGREE, points), np.eye(N - 1))
+        costs = slips.weights.reshape(-1, self.of_facets).sum(axis=1)
+        at_points = csr_matrix(kron(eye(len(costs)), rule))
         vectors = slips.vectors
         rows = csr_matrix(at_points @ vectors.rows)
         offset = at_points @ vectors.offset
-        return DissipatedPart(AffineRows(rows, offset), slips.size, slips.weights)
+        cost = np.outer(costs, weights).ravel()
+        return DissipatedPart(AffineRows(rows, offset), slips.size, cost)
 
     def _slips(self) -> tuple[DissipatedPart, DissipatedPart]:
-        """Slips at the vertices of facets, inside and at supports, then along obstacles."""
+        """Coefficients of slips on facets, inside and at supports, then along obstacles."""
         data = self.data
         cells = data.cells
         N = cells.N
@@ -232,15 +327,17 @@ class SlidingVelocities:
         bound[inside] = np.minimum(bound, data.bound[cells.owners[:, 1]])[inside]
         held = np.where(inside[:, None, None], tangents, self._held_part(tangents))
         self.slides = np.abs(held).max(axis=(1, 2)) > ALONG
-        weights = cells.measure[:, None] / N * (SLIP * bound)[:, None] * np.ones(N)
-        mass = (np.ones((N, N)) + np.eye(N)) / (N * (N + 1))
-        rubbed = cells.measure[:, None] * np.einsum("ij,fj->fi", mass, data.friction)
+        each = cells.measure * SLIP * bound / self.of_facets
+        weights = np.repeat(each[:, None], self.of_facets, axis=1)
+        hats = times_hats(N - 1, DEGREE)
+        rubbed = cells.measure[:, None] * (data.friction @ hats.T)
+        motion = self._motions().middle
         result = []
         for vectors, cost, chosen in (
-            (held, weights, np.repeat(self.slides[:, None], N, axis=1)),
+            (held, weights, np.repeat(self.slides[:, None], self.of_facets, axis=1)),
             (tangents, rubbed, data.contact[:, None] & (rubbed > 0)),
         ):
-            speeds = np.einsum("frp,fip->fir", vectors, data.motion).ravel()
+            speeds = np.einsum("frp,fap->far", vectors, motion).ravel()
             rows = np.repeat(chosen.ravel(), N - 1)
             found = self._applied(self._at_facets(vectors, both=True)[rows])
             part = AffineRows(found.rows, found.offset - speeds[rows])
@@ -248,40 +345,44 @@ class SlidingVelocities:
         return tuple(result)
 
     def _exact_velocity(self, fluxes: np.ndarray) -> Enclosed:
-        """The velocity at the vertices of cells whose normal components are these numbers."""
+        """The coefficients of the velocity with these unknowns, (nc, n, N)."""
         cells = self.data.cells
         N = cells.N
         areas = self.outline.areas
         slope = (areas * areas).sum(axis=2).root() / (self.outline.volumes * N)[:, None]
         x = Enclosed(cells.points)[cells.nodes]
-        terms: list[list[Enclosed]] = [[] for _ in range(N + 1)]
-        for k, vertices in enumerate(FACETS[N]):
-            for m, i in enumerate(vertices):
-                along = (x[:, i] - x[:, k]) * slope[:, k, None]
-                flux = fluxes[cells.slot[:, k, m]] * cells.sign[:, k]
-                terms[i].append(along * flux[:, None])
+        inner = fluxes[self.inner :].reshape(len(cells.nodes), -1)
         result = []
-        for parts in terms:
-            whole = parts[0]
-            for part in parts[1:]:
-                whole = whole + part
+        for place, index in enumerate(self.indices):
+            first, second = np.repeat(np.arange(N + 1), index)
+            middle = (x[:, first] + x[:, second]) * 0.5
+            whole = Enclosed(np.zeros(middle.middle.shape))
+            for k in np.flatnonzero(index == 0):
+                along = (middle - x[:, k]) * slope[:, k, None]
+                flux = fluxes[self.unknown[:, k, place]] * cells.sign[:, k]
+                whole = whole + along * flux[:, None]
+            if first != second:
+                own = inner[:, np.searchsorted(self.along, place)]
+                speed = own / self._lengths(first, second)
+                whole = whole + (x[:, second] - x[:, first]) * speed[:, None]
             result.append(whole)
         return joined_enclosures(result)
 
     def _jumps(self, velocity: Enclosed) -> Enclosed:
-        """Velocities of the first cell less those of the second one at facets, (nf, N, N)."""
+        """Velocities of the first cell less those of the second one on facets, (nf, m, N)."""
         cells = self.data.cells
         N = cells.N
         sides = []
-        at_facets = velocity[:, np.array(FACETS[N])]
+        own = np.arange(len(cells.nodes))[:, None, None]
+        at_facets = velocity[own, self.places]
         for sign in (1, -1):
-            chosen = np.broadcast_to(cells.sign[:, :, None] == sign, cells.slot.shape)
-            places = cells.slot[chosen]
-            middle = np.zeros((cells.facets.size, N))
-            radius = np.zeros((cells.facets.size, N))
+            chosen = np.broadcast_to(cells.sign[:, :, None] == sign, self.slot.shape)
+            places = self.slot[chosen]
+            middle = np.zeros((self.inner, N))
+            radius = np.zeros((self.inner, N))
             middle[places] = at_facets.middle[chosen]
             radius[places] = at_facets.radius[chosen]
-            sides.append(Enclosed(middle, radius).reshape(-1, N, N))
+            sides.append(Enclosed(middle, radius).reshape(-1, self.of_facets, N))
         return sides[0] - sides[1]
 
     def mechanism(self, solution: np.ndarray) -> Mechanism:
@@ -289,34 +390,33 @@ class SlidingVelocities:
         data = self.data
         cells = data.cells
         shape = self.shape
-        N = cells.N
         y = self.flow.admissible(solution)
         fluxes = self.fluxes.at(y)
-        touched = np.repeat(data.contact, N)
+        touched = self._touched()
         fluxes[touched] = np.minimum(fluxes[touched], 0.0)
         velocity = self._exact_velocity(fluxes)
-        coefficients = velocity[:, chains(N, 1)[:, 0]]
-        gradient = gradients(self.outline, coefficients, 1)
+        gradient = gradients(self.outline, velocity, DEGREE)
         strain, error = coordinates(shape, gradient)
         removed = NOTHING
         if shape.free:
-            removed = removal(data, self.outline, divergences(gradient), 0)
-        lengths = np.linalg.norm(strain[:, 0, shape.free :], axis=1)
-        dissipated = data.bound * (lengths * (1 + ROUNDED) + error[:, 0])
-        jumps = self._jumps(velocity) - data.motion
+            below = DEGREE - 1
+            removed = removal(data, self.outline, divergences(gradient), below)
+        rates = strain[:, :, shape.free :]
+        dissipated = data.bound * dissipation(cells.N, rates, error)
+        jumps = self._jumps(velocity) - self._motions()
         slips = jumps.middle.copy()
         slips[cells.outer] = self._held_part(slips)[cells.outer]
         slipped = self._slipped(slips, jumps.length().max(axis=1), jumps)
         powers = tuple(
-            power_of(data, self.outline, coefficients, 1, kind)
+            power_of(data, self.outline, velocity, DEGREE, kind)
             for kind in (GROWS, STAYS)
         )
         others = float(slipped.sum()) * (1 + ROUNDED) + self._rubbed(y, velocity)
         found = proved(data, powers, removed, dissipated, others)
         power = found.power
         return Mechanism(
-            coefficients.middle / power,
-            1,
+            velocity.middle / power,
+            DEGREE,
             strain / cells.volume[:, None, None] / power,
             found.dissipated / power,
             slips / power,
@@ -327,11 +427,11 @@ class SlidingVelocities:
     def _slipped(
         self, slips: np.ndarray, sizes: np.ndarray, jumps: Enclosed
     ) -> np.ndarray:
-        """What slips (nf, N, N) at the vertices of facets dissipate on them at most."""
+        """What slips with these coefficients (nf, m, N) dissipate on facets at most."""
         N = self.data.cells.N
-        costs = self.slips.weights.reshape(-1, N).sum(axis=1)
+        costs = self.slips.weights.reshape(-1, self.of_facets).sum(axis=1)
         error = np.linalg.norm(jumps.radius, axis=2).max(axis=1) + ROUNDED * sizes
-        parts = parts_of(N - 1, 1, CUTS) @ slips[self.slides]
+        parts = parts_of(N - 1, DEGREE, CUTS) @ slips[self.slides]
         lengths = np.linalg.norm(parts, axis=2).mean(axis=1)
         result = np.zeros(len(slips))
         result[self.slides] = costs * (lengths + error[self.slides])

@@ -4,15 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from ngsolve import ET, IntegrationRule
 
 from ngepc import Material, Problem, limit_load
 from ngepc.geometries import block
+from ngepc.limit.bernstein import bernstein_values, multi_indices
 from ngepc.limit.bracket import bracket_on
-from ngepc.limit.data import GROWS
-from ngepc.limit.fields import corner_values
+from ngepc.limit.data import GROWS, barycentric
 from ngepc.limit.load import width_of
 from ngepc.limit.reading import limit_data
-from ngepc.limit.yielding import SHAPES
+from ngepc.limit.yielding import SHAPES, SLIP
 
 CLAY = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=math.sqrt(2), hardening=1.0
@@ -59,6 +60,21 @@ def test_a_smooth_plate_moves_a_square():
     assert found.upper == pytest.approx(2.0, rel=1e-6)
 
 
+def slopes_of_degree_two():
+    """Derivatives of the B_a of degree two by barycentric coordinates at vertices, (4, 10, 4)."""
+    indices = multi_indices(3, 2)
+    result = np.zeros((4, len(indices), 4))
+    for vertex, point in enumerate(np.eye(4)):
+        for place, a in enumerate(indices):
+            for i in np.flatnonzero(a):
+                lower = a - np.eye(4, dtype=int)[i]
+                result[vertex, place, i] = 2 * point @ lower
+    return result
+
+
+DEGREE_TWO_SLOPES = slopes_of_degree_two()
+
+
 @pytest.mark.parametrize("size", [1e-2, 1.0])
 def test_a_mechanism_in_space_dissipates_what_it_says(size):
     """Strain rates are the gradients of the velocity; cells and slips dissipate the upper bound."""
@@ -69,16 +85,84 @@ def test_a_mechanism_in_space_dissipates_what_it_says(size):
     bracket, _ = bracket_on(data, shape, None)
     found = bracket.mechanism
     cells = data.cells
-    corners = corner_values(found.values, found.degree)
-    gradients = np.einsum("tai,taj->tij", corners, cells.gradients)
-    rates = np.einsum("tij,cij->tc", gradients, shape.basis)
+    slopes = DEGREE_TWO_SLOPES @ cells.gradients[:, None]
+    gradients = np.einsum("tni,tmnj->tmij", found.values, slopes)
+    rates = np.einsum("tmij,cij->tmc", gradients, shape.basis)
     assert np.abs(rates).max() > 0
-    np.testing.assert_allclose(
-        found.strain[:, 0], rates, atol=1e-9 * np.abs(rates).max()
-    )
-    deviators = np.linalg.norm(rates[:, shape.free :], axis=1)
-    dissipated = data.bound * cells.volume * deviators
-    np.testing.assert_allclose(found.dissipated, dissipated, atol=1e-9 * found.factor)
-    total = dissipated.sum() + found.slipped.sum()
-    assert total == pytest.approx(found.factor, rel=1e-6)
+    corners = bernstein_values(1, np.eye(4)) @ found.strain
+    np.testing.assert_allclose(corners, rates, atol=1e-9 * np.abs(rates).max())
+    assert np.abs(rates[:, :, 0]).max() <= 1e-9 * np.abs(rates).max()
+    rule = IntegrationRule(ET.TET, 14)
+    points = np.array(rule.points)
+    points = np.column_stack([1 - points.sum(axis=1), points])
+    sizes = np.linalg.norm(points @ rates[:, :, shape.free :], axis=2)
+    dissipated = data.bound * cells.volume * (sizes @ np.array(rule.weights)) * 6
+    excess = found.dissipated - dissipated
+    assert (excess >= -1e-4 * dissipated.max()).all()
+    assert excess.sum() <= 0.02 * found.factor
+    total = found.dissipated.sum() + found.slipped.sum()
+    assert total == pytest.approx(found.factor, rel=1e-9)
     assert bracket.lower <= bracket.upper
+
+
+def test_normal_velocities_in_space_are_continuous():
+    """Both cells of a facet have one normal velocity there; slips dissipate what jumps do."""
+    mesh = block.structured_mesh(1, 1, 1, simplices=True)
+    problem = Problem(mesh, CLAY, "clamped", traction={"contact": (1, 0, 0)})
+    data = limit_data(problem, ("contact",))
+    found = bracket_on(data, SHAPES["solid"], None)[0].mechanism
+    cells = data.cells
+    rule = IntegrationRule(ET.TRIG, 20)
+    x = np.array(rule.points)[:, :2]
+    shares = np.column_stack([1 - x.sum(axis=1), x])
+    points = shares @ cells.points[cells.facets]
+    held = data.held == 3
+    speeds = []
+    for side in (0, 1):
+        owner = cells.owners[:, side]
+        values = np.zeros(points.shape)
+        for f in np.flatnonzero(owner >= 0):
+            place = barycentric(cells, owner[f : f + 1], points[f : f + 1])[0]
+            values[f] = bernstein_values(2, place) @ found.values[owner[f]]
+        speeds.append(values)
+    jumps = speeds[0] - speeds[1]
+    closed = ~cells.outer | held
+    normal = np.einsum("fkp,fp->fk", jumps, cells.normal)
+    size = np.abs(found.values).max()
+    assert np.abs(normal[closed]).max() <= 1e-12 * size
+    weights = 2 * np.array(rule.weights)
+    slipped = cells.measure * (np.linalg.norm(jumps, axis=2) @ weights)
+    slipped = SLIP * data.bound[0] * np.where(closed, slipped, 0.0)
+    assert slipped.sum() > 0
+    assert (found.slipped >= slipped - 1e-4 * slipped.max()).all()
+    assert found.slipped.sum() <= 1.02 * slipped.sum()
+
+
+def pressed_on(traction):
+    """The limit load of a block on a smooth obstacle, which leaves it free to slide."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    loads = {"traction": {"contact": traction}}
+    problem = Problem(mesh, CLAY, None, contact="clamped", gap=0.0, **loads)
+    return limit_load(problem, 1e-3, max_cells=8)
+
+
+def test_loads_that_move_a_free_body_have_the_factor_zero():
+    """A smooth obstacle holds a body against pressure, not against sliding or lifting."""
+    assert pressed_on((0, -1)).lower == pytest.approx(2.0, rel=1e-6)
+    for traction in ((1, 0), (0, 1), (1, -1), (1e-3, -1)):
+        found = pressed_on(traction)
+        assert abs(found.lower) <= 1e-6
+        assert abs(found.upper) <= 1e-6
+        assert found.lower <= found.upper
+
+
+def test_a_search_in_space_without_a_lower_bound_ends():
+    """A shear traction up to free edges: no affine stress of these cells carries any of it."""
+    mesh = block.structured_mesh(1, 1, 1, simplices=True)
+    loads = {"traction": {"contact": (0.3, 0, -1)}}
+    problem = Problem(
+        mesh, CLAY, None, contact="clamped", gap=0.0, friction=0.5, **loads
+    )
+    found = limit_load(problem, 0.05, max_cells=60)
+    assert len(found.records) <= 3
+    assert found.lower <= found.upper
