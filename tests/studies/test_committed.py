@@ -24,7 +24,7 @@ MACHINE = re.compile(
 )
 """Numbers that depend on the machine: times, memory and what is made of them."""
 
-EARLIER = {"counts", "derivatives"}
+EARLIER = {"counts"}
 """Results that were made before their commit was kept: ``make results`` empties this set."""
 
 CHEAP = (
