@@ -173,7 +173,8 @@ def test_rollers_cost_few_solves():
         )
     )
     assert result.status is Status.CONVERGED
-    assert max(r.back_substitutions for r in result.history.records) <= 6
+    for record in result.history.records:  # a step and its correction, not one for each row
+        assert record.back_substitutions <= 12
 
 
 @both
