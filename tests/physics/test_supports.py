@@ -173,7 +173,8 @@ def test_rollers_cost_few_solves():
         )
     )
     assert result.status is Status.CONVERGED
-    for record in result.history.records:  # a step and its correction, not one for each row
+    # Few for a step and its correction, not one for each row.
+    for record in result.history.records:
         assert record.back_substitutions <= 12
 
 
