@@ -222,7 +222,7 @@ class StrainCycles(ContinuousVelocities):
             error = error + ROUNDED * np.linalg.norm(strain, axis=2)
             rest = rest - strain
         strains.append(rest)
-        lengths = sum(dissipation(strain, error) for strain in strains)
+        lengths = sum(dissipation(2, strain, error) for strain in strains)
         grows = self._elastic_power_of(strains, error, removed)
         stays = power_of(data, outline, Enclosed(values), self.degree, STAYS)
         found = proved(data, (grows, stays), removed, data.bound * lengths, 0.0)
