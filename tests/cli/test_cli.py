@@ -310,9 +310,7 @@ def test_a_report_on_an_unfinished_run_tells_what_its_pictures_show(
     capsys.readouterr()
     whole = record_of(capsys, *arguments)["iterations"]
     assert f'<td class="text">Newton steps</td><td>{whole}</td>' in text
-    assert (
-        record_of(capsys, *arguments, "--start", str(saved))["iterations"] <= whole - 2
-    )
+    assert record_of(capsys, *arguments, "--start", str(saved))["iterations"] < whole
 
 
 def test_report_without_the_viewer_is_written_and_names_the_extra(
