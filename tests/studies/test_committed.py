@@ -24,9 +24,6 @@ MACHINE = re.compile(
 )
 """Numbers that depend on the machine: times, memory and what is made of them."""
 
-EARLIER = {"counts"}
-"""Results that were made before their commit was kept: ``make results`` empties this set."""
-
 CHEAP = (
     "bounds",
     "cones",
@@ -65,16 +62,16 @@ def test_the_command_exists(name, tmp_path):
     assert work(name, tmp_path).name == name
 
 
-def test_what_is_known_of_a_commit_is_not_lost():
+def test_every_result_has_its_commit():
     without = {
         name
         for name in NAMES
         if not json.loads((RESULTS / f"{name}.json").read_text()).get("commit")
     }
-    assert without == EARLIER
+    assert without == set()
 
 
-@pytest.mark.parametrize("name", sorted(set(NAMES) - EARLIER))
+@pytest.mark.parametrize("name", NAMES)
 def test_the_code_is_in_the_history(name):
     git = shutil.which("git")
     if git is None or not (HERE / ".git").exists():
