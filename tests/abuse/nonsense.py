@@ -109,16 +109,14 @@ class Use:
                 (parameter.name, kind) for kind in NONSENSE if kind not in legal
             )
 
-    def complaints(self) -> list[str]:
+    def failures(self) -> list[str]:
         """What is wrong with the answers to nonsense, one line for each case."""
         found = (
-            (a, kind, self._complaint(a, NONSENSE[kind])) for a, kind in self.cases()
+            (a, kind, self._failure(a, NONSENSE[kind])) for a, kind in self.cases()
         )
-        return [
-            f"{a}, {kind}: {complaint}" for a, kind, complaint in found if complaint
-        ]
+        return [f"{a}, {kind}: {failure}" for a, kind, failure in found if failure]
 
-    def _complaint(self, argument: str, value: object) -> str:
+    def _failure(self, argument: str, value: object) -> str:
         try:
             self.call(**{**self.legal, argument: value})
         except (TypeError, ValueError) as error:

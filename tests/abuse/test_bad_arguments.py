@@ -349,7 +349,7 @@ def test_nonsense_is_refused_by_name(name, tmp_path):
     if name == "show" and not viewer_installed():
         pytest.skip("the offline viewer is not installed")
     use = USES[name]
-    assert use.complaints() == []
+    assert use.failures() == []
     assert list(tmp_path.iterdir()) == []
     use.call(**use.legal)
 
@@ -371,17 +371,17 @@ def test_every_public_callable_is_here():
 
 
 @pytest.mark.parametrize(
-    ("call", "complaint"),
+    ("call", "failure"),
     [
         (lambda size: None, "accepted"),
         (lambda size: 1 / 0, "ZeroDivisionError"),
         (lambda size: int("b"), "the argument is not named"),
     ],
 )
-def test_complaints_are_made(call, complaint):
-    found = Use(call, {"size": 1}).complaints()
+def test_failures_are_made(call, failure):
+    found = Use(call, {"size": 1}).failures()
     assert len(found) == len(NONSENSE)
-    assert all(complaint in line for line in found)
+    assert all(failure in line for line in found)
 
 
 # What functions of the user return is checked too

@@ -97,7 +97,7 @@ def in_an_empty_folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def complaints(cases, capsys):
+def failures(cases, capsys):
     """Commands that do not end with status 2 and one line that has a text: (command, lines)."""
     found = []
     for arguments, *texts in cases:
@@ -109,7 +109,7 @@ def complaints(cases, capsys):
 
 
 def test_nonsense_for_every_option(capsys, tmp_path):
-    assert complaints(((*case, ": error: ") for case in CASES), capsys) == []
+    assert failures(((*case, ": error: ") for case in CASES), capsys) == []
     assert list(tmp_path.iterdir()) == []
     assert len(CASES) >= 600
 
@@ -125,7 +125,7 @@ def test_commands_that_are_none(capsys):
         [""],
         *([command, ""] for command in ("solve", "study", "notebooks", "report")),
     ]
-    assert complaints(((arguments, "error: ") for arguments in words), capsys) == []
+    assert failures(((arguments, "error: ") for arguments in words), capsys) == []
 
 
 WORK = {
@@ -190,7 +190,7 @@ def test_what_only_the_work_can_tell_is_told_first(command, capsys):
         (words, message) for words, message in WORK.values() if words[0] == command
     ]
     assert cases
-    assert complaints(cases, capsys) == []
+    assert failures(cases, capsys) == []
 
 
 def test_refused_work_leaves_no_folder(tmp_path, capsys):
@@ -228,4 +228,4 @@ WRITERS = [
 def test_results_that_cannot_be_written_are_refused_before_the_work(place, capsys):
     Path("file").write_text("x")
     cases = [([*writer, place], place.split("/")[-2]) for writer in WRITERS]
-    assert complaints(cases, capsys) == []
+    assert failures(cases, capsys) == []

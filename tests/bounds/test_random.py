@@ -22,7 +22,7 @@ CHOSEN += [
 @pytest.mark.parametrize(("seed", "kind"), CHOSEN)
 def test_energies_of_random_problems_do_not_cross(seed, kind):
     for crossing in random_crossings(seed, 3, 1, kind):
-        assert list(crossing.complaints) == [], crossing.draw
+        assert list(crossing.failures) == [], crossing.draw
         if not kind.endswith("order 2"):  # parabolas are moved clear of the obstacle
             assert abs(crossing.bound.algebraic) <= 1e-6 * crossing.bound.total
 

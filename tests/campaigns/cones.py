@@ -213,7 +213,7 @@ class Cones(Work):
 
     name, title = "cones", "The exact method compared with conic programming"
     columns = """problems = {group} | all = {all} | full accuracy = {full}
-        | largest difference of J = {largest:.1e} | failures = {complaints}"""
+        | largest difference of J = {largest:.1e} | failures = {failures}"""
 
     def cells(self):
         """The seeds."""
@@ -263,11 +263,11 @@ class Cones(Work):
             "all": len(records),
             "full": len(full),
             "largest": max(full, default=0.0),
-            "complaints": sum(r["wrong"] for r in records),
+            "failures": sum(r["wrong"] for r in records),
         }
 
     def notes(self, records):
-        """Lines about the comparison, and the complaints."""
+        """Lines about the comparison, and the failures."""
         wrong = [str(r["number"]) for r in records if r["wrong"]]
         return [
             "Random problems of `tests/campaigns/cones.py`; `tests/conic.py` assembles each from "

@@ -30,7 +30,7 @@ KINDS = (
 BISECTIONS = {"solid": 1}
 """Number of bisections of all elements for the reference; twice in the plane."""
 
-HEAD = ("group", "problems", "complaints", "least margin", "median bound / error",
+HEAD = ("group", "problems", "failures", "least margin", "median bound / error",
         "three quarters below")  # fmt: skip
 
 
@@ -64,8 +64,8 @@ class Crossing:
         return self.bound.total / (self.bound.energy - self.fine.least_energy)
 
     @property
-    def complaints(self):
-        """The complaints, one sentence each."""
+    def failures(self):
+        """A sentence for each thing that is wrong."""
         if not self.margin > 0:
             yield f"energies cross by {-self.margin:.3g} of the bound"
         if (least := self.bound.per_cell.min() / self.bound.total) < -1e-9:
@@ -157,23 +157,20 @@ class Crossings(Work):
         ]
 
     def solve(self, kind, seed, number):
-        """The verdict on one problem; an error is a complaint."""
+        """The verdict on one problem; an exception is a failure."""
         draw = next(islice(random_draws(seed, kind), number - 1, None))
         found = {"nodes": 0}
-        found |= {"margin": math.nan, "effectivity": math.nan, "complaints": ()}
+        found |= {"margin": math.nan, "effectivity": math.nan, "failures": ()}
         try:
             pair = crossing(draw, kind, BISECTIONS.get(kind, 2))
-        except Exception as error:  # any other one is a complaint
-            return found | {"complaints": (f"{type(error).__name__}: {error}",)}
-        found |= {
-            "nodes": pair.bound.problem.mesh.nv,
-            "complaints": tuple(pair.complaints),
-        }
+        except Exception as error:  # any exception is a failure
+            return found | {"failures": (f"{type(error).__name__}: {error}",)}
+        found |= {"nodes": pair.bound.problem.mesh.nv, "failures": tuple(pair.failures)}
         return found | {"margin": pair.margin, "effectivity": pair.effectivity}
 
     def line(self, record):
         """One line about a problem."""
-        said = "; ".join(record["complaints"])
+        said = "; ".join(record["failures"])
         return (
             f"{record['kind']} {record['number']}: {record['nodes']} nodes, "
             f"bound / error {record['effectivity']:.3g}  {said}"
@@ -187,17 +184,18 @@ class Crossings(Work):
         return [dict(zip(HEAD, row, strict=True)) for row in rows]
 
     def notes(self, records):
-        """Lines about the random problems, and the complaints."""
+        """Lines about the random problems, and the failures."""
         wrong = [
-            (f"{r['kind']} {r['number']}", r["complaints"])
+            (f"{r['kind']} {r['number']}", r["failures"])
             for r in records
-            if r["complaints"]
+            if r["failures"]
         ]
         return [
             f"Random problems of `tests/campaigns/random_problems.py`, seed {self.seed}. For "
             "reference all elements are bisected twice, in space once; errors are the largest that "
             "the bounds there allow. Margin: how far each energy is above the lower bound of the "
-            "other mesh, in units of the bound.",
+            "other mesh, in units of the bound. A failure is a problem with an exception, an "
+            "energy below the lower bound of the other mesh, or a negative indicator.",
             *[f"- {label}: {'; '.join(texts)}" for label, texts in wrong],
         ]
 
@@ -208,7 +206,7 @@ def _row(kind, group):
     return [
         kind,
         len(group),
-        sum(bool(r["complaints"]) for r in group),
+        sum(bool(r["failures"]) for r in group),
         f"{min((r['margin'] for r in judged), default=math.nan):.2g}",
         f"{np.median(ratios):.2f}",
         f"{np.quantile(ratios, 0.75):.2f}",

@@ -181,7 +181,7 @@ class Block:
 
 
 def judged(problem):
-    """The complaints about the solvers' results, and the number of equilibria."""
+    """What is wrong with the solvers' results, and the number of equilibria."""
     body = Block(problem)
     convex = np.isinf(body.mu)
     found = [] if convex else body.equilibria()
@@ -233,7 +233,7 @@ class Equilibria(Work):
 
     name, title = "equilibria", "Friction on few rows compared with enumeration"
     columns = """law = {law} | problems = {problems} | none = {none} | one = {one}
-        | several = {several} | most = {most} | failures = {complaints}"""
+        | several = {several} | most = {most} | failures = {failures}"""
 
     def cells(self):
         """The problems by law and seed."""
@@ -244,7 +244,7 @@ class Equilibria(Work):
         """The verdict on one problem."""
         try:
             wrong, count = judged(random_problem(number, law))
-        except Exception as error:  # any exception is a complaint
+        except Exception as error:  # any exception is a failure
             wrong, count = [f"{type(error).__name__}: {error}"], 0
         return {"equilibria": count, "wrong": wrong}
 
@@ -270,13 +270,13 @@ class Equilibria(Work):
                     "one": int((counts == 1).sum()) if by_number else len(mine),
                     "several": int((counts > 1).sum()) if by_number else 0,
                     "most": int(counts.max(initial=0)) if by_number else 1,
-                    "complaints": sum(bool(r["wrong"]) for r in mine),
+                    "failures": sum(bool(r["wrong"]) for r in mine),
                 }
             )
         return found
 
     def notes(self, records):
-        """What was drawn, and the complaints."""
+        """What was drawn, and the failures."""
         wrong = [r for r in records if r["wrong"]]
         return [
             "Random elastic blocks with 3 to 8 rows (5 with a limit), Poisson's ratios up to "

@@ -8,7 +8,7 @@
 - energies in the wrong order: -J* must not exceed the minimum that the primal method finds, and J
   of the default method's state must not be below it.
 
-Runs that end with another status are counted, but they are no complaints.
+Each of these is a failure.  Runs that end with another status are counted separately.
 """
 
 import math
@@ -30,11 +30,11 @@ SLACK = 1e-8
 RESIDUAL = 2e-10
 """Forces out of balance, relative, that a converged run may leave: twice its tolerance."""
 
-HEAD = ("group", "problems", "complaints", "primal converged", "default converged",
+HEAD = ("group", "problems", "failures", "primal converged", "default converged",
         "other statuses", "median gap", "worst gap")  # fmt: skip
 
 EMPTY = {
-    "complaints": (),
+    "failures": (),
     "nodes": 0,
     "statuses": (),
     "iterations": (),
@@ -48,9 +48,10 @@ EMPTY = {
 def examine(draw):
     """Solve a random problem by both methods and judge the results; never raises.
 
-    ``complaints`` are sentences, none if nothing is wrong.  ``statuses`` and ``iterations`` belong
-    to the primal and the default method.  ``plastic`` and ``contact`` are the fractions of the body
-    that yields and of Gamma_c in contact.  ``gap`` is the relative difference of the energies.
+    ``failures`` are sentences, one for each thing that is wrong.  ``statuses`` and ``iterations``
+    belong to the primal and the default method.  ``plastic`` and ``contact`` are the fractions of
+    the body that yields and of Gamma_c in contact.  ``gap`` is the relative difference of the
+    energies.
     """
     try:
         problem = build(draw)
@@ -59,10 +60,10 @@ def examine(draw):
             "draw": asdict(draw),
             **judged(primal, semismooth_newton(problem).or_interrupted()),
         }
-    except Exception as error:  # any exception is a complaint
+    except Exception as error:  # any exception is a failure
         return EMPTY | {
             "draw": asdict(draw),
-            "complaints": (f"{type(error).__name__}: {error}",),
+            "failures": (f"{type(error).__name__}: {error}",),
         }
 
 
@@ -72,7 +73,7 @@ def judged(primal, default):
     gap, out_of_order = _energies(primal, default)
     runs = (primal, default)
     return {
-        "complaints": (*_false_statuses(primal, default), *out_of_order),
+        "failures": (*_false_statuses(primal, default), *out_of_order),
         "nodes": problem.mesh.nv,
         "statuses": tuple(run.status.label for run in runs),
         "iterations": tuple(run.iterations for run in runs),
@@ -84,7 +85,7 @@ def judged(primal, default):
 
 
 def _false_statuses(primal, default):
-    """Complaints about runs that report convergence wrongly, and about infinite states."""
+    """A sentence for each run that reports convergence wrongly or has no finite state."""
     for name, result in {"primal": primal, "default": default}.items():
         residual = balance_residual(result)
         if result.status is Status.CONVERGED and not residual < RESIDUAL:
@@ -94,7 +95,7 @@ def _false_statuses(primal, default):
 
 
 def _energies(primal, default):
-    """The relative difference of the energies, and complaints about their order."""
+    """The relative difference of the energies, and a sentence for each wrong order."""
     distance, above = feasible_bound(primal, default)
     least = energy(primal.problem, primal.displacement, primal.plastic_increment)
     scale = abs(least) + abs(default.dual_energy) + 1e-300
@@ -138,11 +139,11 @@ class Fuzz(Work):
         return examine(next(islice(draws(seed), number - 1, None)))
 
     def line(self, record):
-        """One line about a verdict, and one for each complaint and message."""
+        """One line about a verdict, and one for each failure and message."""
         d = record["draw"]
         pairs = zip(record["statuses"], record["iterations"], strict=True)
         runs = " and ".join(f"{status} ({steps})" for status, steps in pairs)
-        said = (*record["complaints"], *record["messages"])
+        said = (*record["failures"], *record["messages"])
         return (
             f"{d['body']} {record['nodes']} nodes, gap {d['gap']}: {runs}, plastic "
             f"{record['plastic']:.0%}, contact {record['contact']:.0%}, gap {record['gap']:.2g}"
@@ -155,19 +156,19 @@ class Fuzz(Work):
         return [dict(zip(HEAD, _row(*pair), strict=True)) for pair in groups]
 
     def notes(self, records):
-        """What was drawn, what a complaint is, and the complaints."""
-        complaints = [
-            (k, v["complaints"]) for k, v in enumerate(records, 1) if v["complaints"]
+        """What was drawn, what a failure is, and the failures."""
+        failures = [
+            (k, v["failures"]) for k, v in enumerate(records, 1) if v["failures"]
         ]
         return [
             f"{len(records)} random problems, seed {self.seed}, each solved by the default method "
             "and by the primal one. Materials over six orders of magnitude in stress and four in "
             "length, Poisson's ratio -0.4 to 0.49, yield bound 1e-4 to 3e-2 and hardening 1e-3 to "
-            "3 of lame_mu, loads 0.03 to 16 times the yield bound. Complaints are exceptions, runs "
-            "with the status converged whose residual forces (assembled independently) exceed "
-            "twice the tolerance, and energies in the wrong order. Gap: relative difference of "
-            "the energies.",
-            *[f"- {number}: {'; '.join(texts)}" for number, texts in complaints],
+            "3 of lame_mu, loads 0.03 to 16 times the yield bound. A failure is a problem with an "
+            "exception, a run with the status converged whose residual forces (assembled "
+            "independently) exceed twice the tolerance, or energies in the wrong order. Gap: "
+            "relative difference of the energies.",
+            *[f"- {number}: {'; '.join(texts)}" for number, texts in failures],
         ]
 
 
@@ -197,7 +198,7 @@ def _row(label, group):
     return [
         label,
         len(group),
-        sum(bool(v["complaints"]) for v in group),
+        sum(bool(v["failures"]) for v in group),
         *converged,
         ", ".join(f"{statuses.count(s)} {s}" for s in others) or "none",
         f"{np.median(gaps):.2g}",

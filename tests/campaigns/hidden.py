@@ -27,7 +27,7 @@ WORST = 1e-9
 ROUNDING = 1e-14
 """Tolerance of the comparison, relative to the energies and to the terms they are differences
 of."""
-HEAD = ("group", "problems", "refused", "complaints", "least margin",
+HEAD = ("group", "problems", "refused", "failures", "least margin",
         "median bound / error")  # fmt: skip
 
 
@@ -154,24 +154,24 @@ class Hidden(Work):
         """The verdict on one problem."""
         case = drawn(seed, number)
         found = {"kind": case.kind, "shape": case.feature.shape, "refused": ""}
-        found |= {"complaint": "", "margin": math.nan, "effectivity": math.nan}
+        found |= {"failure": "", "margin": math.nan, "effectivity": math.nan}
         result = semismooth_newton(case.problem())
         try:
             bound = error_bound(result)
         except ValueError as error:
             return found | {"refused": str(error)}
         if bound.guaranteed:
-            return found | {"complaint": "claimed to be a proof"}
+            return found | {"failure": "claimed to be a proof"}
         proof = error_bound(semismooth_newton(case.aligned()))
         if not proof.guaranteed:
-            return found | {"complaint": "the reference is no proof"}
+            return found | {"failure": "the reference is no proof"}
         return found | judged(bound, proof)
 
     def line(self, record):
         """One line about a problem."""
         return (
             f"{record['number']} {record['kind']}, {record['shape']}: margin "
-            f"{record['margin']:.3g}  {record['refused']}{record['complaint']}"
+            f"{record['margin']:.3g}  {record['refused']}{record['failure']}"
         )
 
     def table_rows(self, records):
@@ -181,40 +181,42 @@ class Hidden(Work):
         return [dict(zip(HEAD, row, strict=True)) for row in rows]
 
     def notes(self, records):
-        """What was drawn, and the complaints."""
+        """What was drawn, and the failures."""
         wrong = [
-            f"- {r['number']}, {r['kind']}, {r['shape']}: {r['complaint']}{r['refused']}"
+            f"- {r['number']}, {r['kind']}, {r['shape']}: {r['failure']}{r['refused']}"
             for r in records
-            if r["complaint"] or r["refused"]
+            if r["failure"] or r["refused"]
         ]
         return [
             f"Strips, spots, steps, wedges and spikes of `tests/campaigns/hidden.py`, seed "
             f"{self.seed}, down to a fiftieth of a mesh width in the plane and a tenth in space. "
             "For reference the problem is solved on a mesh that is aligned with them, where the "
             "bounds of its energy are proved. Margin: how far the energy there is above the lower "
-            "bound, in units of the bound. Error: the decrease of J.",
+            "bound, in units of the bound. Error: the decrease of J. A failure is a problem where "
+            "an energy is below the lower bound of the other mesh, or where the bound of the "
+            "coarse mesh claims to be proved.",
             *wrong,
         ]
 
 
 def judged(bound, proof):
-    """The margins of a bound compared with that on an aligned mesh, and the complaints."""
+    """The margins of a bound compared with that on an aligned mesh, and what is wrong."""
     scale = bound.total if bound.total > 0 else 1.0
     above = proof.energy - bound.least_energy
     below = bound.energy - proof.least_energy
     error = bound.energy - proof.energy
-    complaint = ""
+    failure = ""
     least = -WORST * abs(proof.energy)
     least -= ROUNDING * (abs(bound.energy) + bound.total)
     if above < least:
-        complaint = f"the lower bound is {-above / scale:.3g} of the bound too high"
+        failure = f"the lower bound is {-above / scale:.3g} of the bound too high"
     elif below < least:
-        complaint = f"the energy is {-below / scale:.3g} of the bound too low"
+        failure = f"the energy is {-below / scale:.3g} of the bound too low"
     return {
         "margin": above / scale,
         "effectivity": bound.total / error if error > 0 else math.nan,
         "reference": proof.total / scale,
-        "complaint": complaint,
+        "failure": failure,
     }
 
 
@@ -225,7 +227,7 @@ def _row(kind, group):
         kind,
         len(group),
         sum(bool(r["refused"]) for r in group),
-        sum(bool(r["complaint"]) for r in group),
+        sum(bool(r["failure"]) for r in group),
         f"{min((r['margin'] for r in judged), default=math.nan):.2g}",
         f"{np.median(ratios or [math.nan]):.2f}",
     ]

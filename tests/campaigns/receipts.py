@@ -351,14 +351,14 @@ class Receipts(Work):
             check_receipt.check(str(path))
             checked = time.process_time() - start
             wrong = falsifies(*opened(path))
-            complaint = "the judge refuses the receipt" if wrong else ""
+            failure = "the judge refuses the receipt" if wrong else ""
             random = np.random.default_rng([seed, number])
             found = tampered(path, random, each)
         wrong = [row for row in found if row[1]]
         harmless = [row for row in found if not row[1]]
         return {
             "refused": "",
-            "complaint": complaint,
+            "failure": failure,
             "wrong": len(wrong),
             "passed": [what for what, _, passed in wrong if passed],
             "harmless": len(harmless),
@@ -373,7 +373,7 @@ class Receipts(Work):
             return f"{record['kind']} {record['number']}: refused, {record['refused']}"
         return (
             f"{record['kind']} {record['number']}: {record['wrong']} changes, "
-            f"{len(record['passed'])} pass {record['passed']} {record['complaint']}"
+            f"{len(record['passed'])} pass {record['passed']} {record['failure']}"
         )
 
     def table_rows(self, records):
@@ -397,7 +397,7 @@ class Receipts(Work):
         return rows
 
     def notes(self, records):
-        """What was drawn, what was refused, and the complaints."""
+        """What was drawn, what was refused, and the failures."""
         refused = [r for r in records if r["refused"]]
         lines = [
             "Random problems of `tests/campaigns/random_problems.py`; one number of mesh, data, "
@@ -408,8 +408,8 @@ class Receipts(Work):
         ]
         lines += [f"- {r['kind']} {r['number']}: {r['refused']}" for r in refused]
         lines += [
-            f"- {r['kind']} {r['number']}: {r['passed']} {r['complaint']}"
+            f"- {r['kind']} {r['number']}: {r['passed']} {r['failure']}"
             for r in records
-            if not r["refused"] and (r["passed"] or r["complaint"])
+            if not r["refused"] and (r["passed"] or r["failure"])
         ]
         return lines

@@ -83,7 +83,7 @@ ROUNDED_UP = Draw(  # a step to the end of the feasible set left z = 1e-17 > 0
 @example(dataclasses.replace(USUAL, body="cube", maxh=0.2, gap="near"))
 def test_methods_agree_and_statuses_are_honest(draw):
     verdict = examine(draw)
-    assert verdict["complaints"] == ()
+    assert verdict["failures"] == ()
     assert verdict["statuses"][0] == "converged"
 
 
@@ -155,9 +155,9 @@ def test_regularised_solution_is_as_near_as_energies_allow_and_its_status_honest
 
 
 def test_a_lie_is_found(monkeypatch):
-    """The judge is able to complain: a result for another load, a status that is false."""
+    """The judge detects a result for another load and a false status."""
     draw = dataclasses.replace(USUAL, body="lshape", load=5.0, gap="near")
-    assert examine(draw)["complaints"] == ()
+    assert examine(draw)["failures"] == ()
     problem_of, solve = fuzz.build, fuzz.semismooth_newton
     lighter = problem_of(dataclasses.replace(draw, load=1.0))
 
@@ -166,7 +166,7 @@ def test_a_lie_is_found(monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(fuzz, "semismooth_newton", other_load)
-        assert "energies allow" in " ".join(examine(draw)["complaints"])
+        assert "energies allow" in " ".join(examine(draw)["failures"])
 
     def of_another_problem(problem):
         other = primal_newton(lighter)
@@ -175,14 +175,14 @@ def test_a_lie_is_found(monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(fuzz, "primal_newton", of_another_problem)
-        assert "energies allow" in " ".join(examine(draw)["complaints"])
+        assert "energies allow" in " ".join(examine(draw)["failures"])
 
     def hurried(problem):
         return primal_newton(problem, options=PrimalOptions(tolerance=1e-3))
 
     with monkeypatch.context() as patch:
         patch.setattr(fuzz, "primal_newton", hurried)
-        assert "says converged" in " ".join(examine(draw)["complaints"])
+        assert "says converged" in " ".join(examine(draw)["failures"])
 
 
 def test_study_refuses_a_foreign_checkpoint(tmp_path):

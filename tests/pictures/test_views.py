@@ -38,7 +38,7 @@ def browser():
 
 
 def opened(browser, path, fragment=""):
-    """Pixels of a page that asked for nothing and complained about nothing."""
+    """Pixels of a page that made no requests and reported no errors."""
     seen = browser.open(path, fragment)
     browser.wait_for("document.body.dataset.frame !== undefined")
     browser.settle()
