@@ -1,9 +1,10 @@
-"""Make every committed result again: the command stands in each results/NAME.json.
+"""Make every committed result again: each results/NAME.json contains its command.
 
 ``PYTHONPATH=tests python -m campaigns.remake [NAME ...]`` runs the commands one after the other,
-those that take longest last, and writes what each took to results/times.json.  Cells of a command
-that was interrupted are kept in results/cells, so the same line goes on; a command that has
-finished from today's code is not run again.  ``--list`` only says what would be done.
+those that take longest last, and writes the time of each to results/times.json.  Cells of a command
+that was interrupted are kept in the folder ``cells`` beside the result, so the same line continues;
+a result that has been made whole with today's code is not made again.  ``--list`` only prints
+which commands would run.
 """
 
 import argparse
@@ -17,6 +18,8 @@ import sys
 import time
 from pathlib import Path
 
+from campaigns.__main__ import arguments
+
 from ngepc.studies.work import PACKAGE, commit
 
 HERE = Path(__file__).resolve().parents[2]
@@ -29,11 +32,12 @@ PETSC_FOLDERS = "/usr/lib/petscdir/petsc*/*-real"
 
 
 def commands(folder=RESULTS):
-    """Name of a result -> the command that made it."""
+    """Name of a result, with its folder -> the command that made it."""
     found = {}
-    for path in sorted(folder.glob("*.json")):
+    for path in sorted(folder.rglob("*.json")):
         if path != folder / TIMES.name:
-            found[path.stem] = json.loads(path.read_text())["command"]
+            name = path.relative_to(folder).with_suffix("").as_posix()
+            found[name] = json.loads(path.read_text())["command"]
     return found
 
 
@@ -54,57 +58,57 @@ def surroundings():
 
 
 def times():
-    """Command -> what it took when it was run last."""
+    """Name of a result -> the time of its last run."""
     return json.loads(TIMES.read_text()) if TIMES.exists() else {}
 
 
 def waiting(names):
-    """The commands of these results that have not been run on today's code, quick ones first."""
+    """The results that have not been made with today's code, those that take longest last."""
     known = times()
-    wanted = {command for name, command in commands().items() if name in names}
-    left = [command for command in wanted if not up_to_date(known.get(command, {}))]
-    return sorted(left, key=lambda command: known.get(command, {}).get("cpu_s", 1e4))
+    left = [name for name in names if not up_to_date(name, known.get(name, {}))]
+    return sorted(left, key=lambda name: known.get(name, {}).get("cpu_s", 1e4))
 
 
-def same_code(entry):
-    """Whether the package is still that of the commit with which a command was run."""
-    words = [
-        "git",
-        "-C",
-        str(PACKAGE),
-        "diff",
-        "--quiet",
-        entry.get("commit", ""),
-        "--",
-        ".",
-    ]
-    return subprocess.run(words, capture_output=True).returncode == 0
+def sources(name):
+    """What a result is made with: the package, and for a campaign its module."""
+    words = shlex.split(commands()[name].removeprefix("python -m "))
+    if words[0] != "campaigns":
+        return [PACKAGE]
+    campaign = arguments().parse_args(words[1:]).kind
+    return [PACKAGE, Path(sys.modules[campaign.__module__].__file__)]
 
 
-def up_to_date(entry):
-    """Whether a command has finished with today's package."""
-    return bool(entry) and entry["finished"] and same_code(entry)
+def same_code(name, entry):
+    """Whether the sources of a result are still those of the commit with which it was made."""
+    words = ["git", "-C", str(HERE), "diff", "--quiet", entry.get("commit", "")]
+    paths = map(str, sources(name))
+    done = subprocess.run([*words, "--", *paths], capture_output=True)
+    return done.returncode == 0
 
 
-def forget_cells(command):
-    """Delete what a command has kept: it comes from another package."""
-    words = shlex.split(command)
-    for name in set(words) & {path.stem for path in RESULTS.glob("*.json")}:
-        for path in (RESULTS / "cells").glob(f"{name}-*.npz"):
-            path.unlink()
+def up_to_date(name, entry):
+    """Whether a result has been made whole with today's code."""
+    return bool(entry) and entry["finished"] and same_code(name, entry)
 
 
-def run(command):
-    """Run a command; its time is added to that of the attempts that were interrupted."""
-    before = times().get(command, {})
+def forget_cells(name):
+    """Delete the stored cells of a result: other code has made them."""
+    path = RESULTS / name
+    for stored in (path.parent / "cells").glob(f"{path.name}-*.npz"):
+        stored.unlink()
+
+
+def run(name):
+    """Make a result; its time is added to that of the attempts that were interrupted."""
+    before = times().get(name, {})
     on = commit()
-    goes_on = bool(before) and not before["finished"] and same_code(before)
-    if not goes_on:
-        forget_cells(command)
+    continues = bool(before) and not before["finished"] and same_code(name, before)
+    if not continues:
+        forget_cells(name)
     start = time.perf_counter()
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     try:
-        words = program(command)
+        words = program(commands()[name])
         ended = subprocess.run(words, cwd=HERE, env=surroundings()).returncode
     finally:
         now = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -115,38 +119,39 @@ def run(command):
             "commit": on,
             "finished": False,
         }
-        if goes_on:
+        if continues:
             entry["wall_s"] += before["wall_s"]
             entry["cpu_s"] += before["cpu_s"]
-        write(command, entry)
-    write(command, {**entry, "finished": ended == 0})
+        write(name, entry)
+    write(name, {**entry, "finished": ended == 0})
     return ended
 
 
-def write(command, entry):
-    """Keep what a command took."""
+def write(name, entry):
+    """Store the time of a result."""
     rounded = {
         key: round(value, 1) if isinstance(value, float) else value
         for key, value in entry.items()
     }
-    known = {**times(), command: rounded}
+    known = {**times(), name: rounded}
     TIMES.write_text(json.dumps(dict(sorted(known.items())), indent=2) + "\n")
 
 
 def main():
-    """Run what is waiting; the exit status is 1 if a command failed."""
+    """Make the results that are not up to date; the exit status is 1 if a command failed."""
+    known = commands()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="default all")
-    parser.add_argument("--list", action="store_true", help="only say what is waiting")
+    parser.add_argument("--list", action="store_true", help="only print the commands")
     given = parser.parse_args()
-    names = set(given.names or commands())
-    if unknown := names - set(commands()):
+    names = given.names or list(known)
+    if unknown := set(names) - set(known):
         parser.error(f"no such results: {', '.join(sorted(unknown))}")
     failed = []
-    for command in waiting(names):
-        print(command, flush=True)
-        if not given.list and run(command) != 0:
-            failed.append(command)
+    for name in waiting(names):
+        print(known[name], flush=True)
+        if not given.list and run(name) != 0:
+            failed.append(known[name])
     for command in failed:
         print(f"failed: {command}", file=sys.stderr)
     return 1 if failed else 0

@@ -9,35 +9,48 @@ import re
 import shlex
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
+from campaigns import remake
 from campaigns.__main__ import arguments
-from campaigns.remake import HERE, RESULTS, TIMES, commands
+from campaigns.remake import HERE, RESULTS, TIMES, commands, sources, times, waiting
 
 from ngepc.cli.commands import STUDIES, given, parser
 from ngepc.cli.work import study_class
+from ngepc.studies.work import PACKAGE
 
 COMMANDS = commands()
 NAMES = sorted(COMMANDS)
 MACHINE = re.compile(
-    r"seconds|_s$|cpu|wall|memory|megabytes|mb$|ratio|load_average|^apart$"
+    r"seconds|_s$|cpu|wall|memory|megabytes|mb$|ratio|load_average|^apart$|^of_solve$"
+    r"|^of_both$|^messages?$"
 )
-"""Numbers that depend on the machine: times, memory and what is made of them."""
+"""Numbers that depend on the machine (times, memory and what is made of them), and sentences."""
 
-CHEAP = (
-    "bounds",
-    "cones",
-    "equilibria",
-    "fuzz",
-    "hidden",
-    "locking",
-    "step42",
-    "table1",
-    "table3",
-    "table3_c0.01",
-    "table3_c0.3",
-)
-"""Results whose first cell is solved again, in a second or less."""
+LONG = {
+    "accuracy": "five meshes by each of two programs",
+    "cost": "processes of their own, whose times are measured",
+    "derivatives": "twenty solves",
+    "duality": "a path to gamma = 1e6",
+    "figure4": "solves to rounding at each gamma",
+    "figures": "a path on a fine mesh",
+    "foreign": "files of other projects are needed",
+    "large": "PETSc is needed",
+    "mutants": "the tests of each fault",
+    "processes": "PETSc is needed",
+    "order_two/processes": "PETSc is needed",
+    "two_processes/processes": "PETSc is needed",
+    "verdicts": "limits on many meshes",
+    "without_tichonov": "paths that stall",
+}
+"""Results whose first cell is not solved again, with the reason."""
+
+WITHOUT_COMMIT = {"two_processes/processes"}
+"""Made before commits were recorded (it needs 17 GB); this set may only shrink."""
+
+CHEAP = [name for name in NAMES if name not in LONG]
+"""Results whose first cell is solved again, in about a second or less."""
 
 
 def words(name):
@@ -59,7 +72,45 @@ def work(name, folder):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_command_exists(name, tmp_path):
-    assert work(name, tmp_path).name == name
+    assert work(name, tmp_path).name == Path(name).name
+    assert Path(words(name)[words(name).index("--out") + 1]) == folder_of(name)
+
+
+def folder_of(name):
+    """The folder of a result, from the folder of the project."""
+    return Path("results", name).parent
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_it_is_there_as_table_numbers_and_records(name):
+    for kind in ("md", "csv", "json"):
+        assert (RESULTS / f"{name}.{kind}").is_file()
+
+
+def test_every_committed_file_belongs_to_a_result():
+    """Tables by their names; a picture has a record with its name, or the name of its study."""
+    git = shutil.which("git")
+    if git is None or not (HERE / ".git").exists():
+        pytest.skip("no list of the committed files here")
+    asked = [git, "-C", str(RESULTS), "ls-files"]
+    listed = subprocess.run(asked, capture_output=True, text=True).stdout.split()
+    known = {f"{name}.{kind}" for name in NAMES for kind in ("md", "csv", "json")}
+    left = [name for name in listed if name not in {*known, TIMES.name}]
+    assert [name for name in left if not is_picture(name)] == []
+
+
+def is_picture(name):
+    """Whether a study draws a file: it is named like the study, or in one of its records."""
+    stem = Path(name).stem
+    alike = any(stem == study or stem.startswith(f"{study}_") for study in NAMES)
+    named = any(name == record.get("file") for record in drawn_records())
+    return name.endswith(".png") and (alike or named)
+
+
+def drawn_records():
+    """The records of all studies whose pictures are named in them."""
+    for study in ("benchmarks", "figures"):
+        yield from json.loads((RESULTS / f"{study}.json").read_text())["cells"]
 
 
 def test_every_result_has_its_commit():
@@ -68,10 +119,10 @@ def test_every_result_has_its_commit():
         for name in NAMES
         if not json.loads((RESULTS / f"{name}.json").read_text()).get("commit")
     }
-    assert without == set()
+    assert without <= WITHOUT_COMMIT
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", sorted(set(NAMES) - WITHOUT_COMMIT))
 def test_the_code_is_in_the_history(name):
     git = shutil.which("git")
     if git is None or not (HERE / ".git").exists():
@@ -125,7 +176,38 @@ def close(new, old):
 
 
 def test_all_results_take_at_most_four_hours():
-    if not TIMES.exists():
-        pytest.skip("make results has not run whole yet")
-    known = json.loads(TIMES.read_text())
+    known = times()
+    assert set(known) <= set(NAMES)
+    if missing := set(NAMES) - set(known):
+        pytest.skip(f"make results has not run for {', '.join(sorted(missing))}")
     assert sum(entry["cpu_s"] for entry in known.values()) <= 4 * 3600
+
+
+def test_a_result_of_this_commit_is_up_to_date(monkeypatch):
+    entry = {"finished": True, "commit": "HEAD", "cpu_s": 1.0}
+    unfinished = {**entry, "finished": False}
+    known = {
+        "bounds": entry,
+        "table1": unfinished,
+        "table2": {**unfinished, "cpu_s": 0.5},
+    }
+    monkeypatch.setattr(remake, "times", lambda: known)
+    monkeypatch.setattr(remake, "same_code", lambda name, entry: True)
+    assert waiting(["bounds", "table1", "table2"]) == ["table2", "table1"]
+
+
+def test_a_campaign_is_made_with_its_module_and_the_package():
+    assert sources("table3") == [PACKAGE]
+    assert [path.name for path in sources("verdicts")] == ["ngepc", "intervals.py"]
+    assert [path.name for path in sources("crossings")] == ["ngepc", "crossings.py"]
+
+
+def test_cells_of_one_result_are_deleted_alone(monkeypatch, tmp_path):
+    monkeypatch.setattr(remake, "RESULTS", tmp_path)
+    cells = tmp_path / "cells"
+    cells.mkdir()
+    names = ["table3-873.npz", "table3_c0.3-873.npz"]
+    for name in names:
+        (cells / name).touch()
+    remake.forget_cells("table3_c0.3")
+    assert [path.name for path in cells.iterdir()] == names[:1]
