@@ -129,6 +129,22 @@ class FullPattern:
         arrays = (values, self.blocks.indices[here], starts - starts[0])
         return bsr_matrix(arrays, shape=shape).tocsr()
 
+    def rows_of(self, pairs: np.ndarray) -> np.ndarray:
+        """The node of the row of each of these blocks, by their numbers in ``blocks``."""
+        return np.searchsorted(self.blocks.indptr, pairs, side="right") - 1
+
+    def places(self, pairs: np.ndarray) -> np.ndarray:
+        """Where the entries of these blocks are in the values of a matrix, (k, N, N)."""
+        N = self._N
+        starts = self.blocks.indptr.astype(np.int64)
+        rows = self.rows_of(pairs)
+        first = starts[rows]
+        width = N * (starts[rows + 1] - first)
+        corner = N * N * first + N * (pairs - first)
+        component = np.arange(N)
+        down = width[:, None, None] * component[:, None]
+        return corner[:, None, None] + down + component
+
 
 def placed(lower: Blocks, kept: slice | np.ndarray, numbers: np.ndarray) -> csr_matrix:
     """A number for each of the kept pairs of nodes, where its block is."""
@@ -144,21 +160,6 @@ def rows_in_portions(starts: np.ndarray, size: int) -> list[slice]:
     entries = np.arange(0, starts[-1], size)
     ends = np.unique(np.append(np.searchsorted(starts, entries), [0, count]))
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
-
-
-def symmetric_blocks(
-    rows: np.ndarray, columns: np.ndarray, blocks: np.ndarray, nodes: int
-) -> csr_matrix:
-    """The symmetric matrix of some blocks (k, N, N) on and below the diagonal, by numbers."""
-    strict = rows != columns
-    N = blocks.shape[1]
-    i = np.append(rows, columns[strict])
-    j = np.append(columns, rows[strict])
-    values = np.concatenate([blocks, blocks[strict].swapaxes(1, 2)])
-    order = np.argsort(i, kind="stable")
-    starts = np.searchsorted(i[order], np.arange(nodes + 1))
-    arrays = (values[order], j[order], starts)
-    return bsr_matrix(arrays, shape=(N * nodes, N * nodes)).tocsr()
 
 
 class IterativeTangent:
@@ -181,7 +182,6 @@ class IterativeTangent:
         self._stiffness = stiffness
         self._pattern = FullPattern(stiffness)
         self._preconditioner = solver.preconditioner(self._pattern, body)
-        self._lower: np.ndarray | None = None
         self._left_out: csr_matrix | None = None
         self._precondition: Linear | None = None
         self.matrix: csr_matrix | None = None
@@ -189,9 +189,8 @@ class IterativeTangent:
 
     def linearise(self, here: Iterate) -> None:
         """Assemble the tangent at a state; the first solve makes a hierarchy."""
-        self._lower = self._stiffness.values(here.moduli)
         before = self.matrix
-        self.matrix = self._pattern.matrix(self._lower, before)
+        self.matrix = self._pattern.matrix(self._stiffness.values(here.moduli), before)
         if before is None:
             self._product = Product(self.matrix)
         self._left_out = None
@@ -207,34 +206,45 @@ class IterativeTangent:
     def prepare(self, closed: Closed) -> None:
         """Make a hierarchy for the present tangent and closed rows if there is none yet.
 
-        Pinned directions are projected out of the blocks and get a diagonal of similar size.  The
-        matrix is stored once: what pinning changes is added to products.
+        The matrix is stored once: what pinning changes is added to products.
         """
-        if self._lower is None:
+        if self._left_out is not None:
             return
-        rows = self._stiffness.rows
-        columns = self._stiffness.columns
-        N = self._stiffness.N
-        nodes, projections = closed.pins(N)
-        place = np.full(len(self._stiffness.free), -1)
-        values = self._lower
-        place[nodes] = np.arange(len(nodes))
-        padded = np.concatenate([projections, np.eye(N)[None]])  # number -1: not pinned
-        hit = np.flatnonzero((place[rows] >= 0) | (place[columns] >= 0))
-        before = values[hit]
-        same = rows[hit] == columns[hit]
-        after = padded[place[rows[hit]]] @ before @ padded[place[columns[hit]]]
-        size = np.trace(before[same], axis1=1, axis2=2)[:, None, None] / N
-        after[same] += size * (np.eye(N) - padded[place[rows[hit[same]]]])
         if self._precondition is None:
             self._preconditioner.coarsen(self.matrix)
-        values[hit] = after
-        self._left_out = symmetric_blocks(
-            rows[hit], columns[hit], before - after, len(place)
-        )
-        self._lower = None
-        self.matrix = self._pattern.matrix(values, self.matrix)
+        self._left_out = self._pin(closed)
         self._precondition = self._preconditioner.update(self.matrix)
+
+    def _pin(self, closed: Closed) -> csr_matrix:
+        """Pin the directions of closed rows in the matrix; returns what that leaves out.
+
+        These directions are projected out of the blocks and get a diagonal of similar size.
+        """
+        blocks = self._pattern.blocks
+        N = self._stiffness.N
+        count = blocks.shape[0]
+        nodes, projections = closed.pins(N)
+        number = np.full(count, -1)
+        number[nodes] = np.arange(len(nodes))
+        free = np.concatenate([projections, np.eye(N)[None]])  # number -1: not pinned
+
+        pinned = number >= 0
+        in_rows = np.repeat(pinned, np.diff(blocks.indptr))
+        pairs = np.flatnonzero(in_rows | pinned[blocks.indices])
+        rows = self._pattern.rows_of(pairs)
+        columns = blocks.indices[pairs]
+        of_rows = free[number[rows]]
+        places = self._pattern.places(pairs)
+        before = self.matrix.data[places]
+        after = of_rows @ before @ free[number[columns]]
+        same = rows == columns
+        size = np.trace(before[same], axis1=1, axis2=2)[:, None, None] / N
+        after[same] += size * (np.eye(N) - of_rows[same])
+
+        self.matrix.data[places] = after
+        starts = np.searchsorted(rows, np.arange(count + 1))
+        arrays = before - after, columns, starts
+        return bsr_matrix(arrays, shape=self.matrix.shape).tocsr()
 
     def solve(self, forces: np.ndarray, accuracy: float = ACCURACY) -> np.ndarray:
         """Displacements, zero where held, that answer nodal forces; both (nodes, N).
