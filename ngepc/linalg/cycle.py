@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
+from scipy.sparse.linalg import splu
 
 from ngepc.linalg.cores import in_portions
 
@@ -101,14 +103,16 @@ class Sweeps:
 class Level:
     """A level: its matrix, the interpolation to it from the next one, and the order of sweeps.
 
-    ``sets`` as for ``Sweeps``, None for all unknowns.  Backwards is forwards with all unknowns
-    numbered from the end: loops through memory in descending order take four times as long.
+    ``restriction`` is the transpose of the interpolation ``space``; ``sets`` are as for
+    ``Sweeps``, None for all unknowns.  Backwards is forwards with all unknowns numbered from the
+    end: loops through memory in descending order take four times as long.
     """
 
     def __init__(
         self,
         matrix: csr_matrix,
         space: csr_matrix,
+        restriction: csr_matrix,
         sweep: Sweep,
         sets: Sequence[np.ndarray] | None = None,
     ) -> None:
@@ -116,7 +120,7 @@ class Level:
         sets = [np.arange(count)] if sets is None else sets
         self.matrix = Product(matrix)
         self.space = space
-        self.restriction = space.T.tocsr()
+        self.restriction = restriction
         self.forwards = Sweeps(matrix, sweep, sets)
         turned = [count - 1 - some[::-1] for some in sets]
         self._backwards = Sweeps(from_the_end(matrix), sweep, turned)
@@ -134,6 +138,47 @@ def from_the_end(matrix: csr_matrix) -> csr_matrix:
     columns = count - 1 - matrix.indices[::-1]
     starts = matrix.indptr[-1] - matrix.indptr[::-1]
     return csr_matrix((matrix.data[::-1].copy(), columns, starts), shape=matrix.shape)
+
+
+def level_and_coarser(
+    make: Callable[..., Level],
+    matrix: csr_matrix,
+    space: csr_matrix,
+    restriction: csr_matrix,
+) -> tuple[Level, csr_matrix]:
+    """A level by ``make(matrix, space, restriction)``, and the matrix of the next coarser one.
+
+    Large matrices are multiplied in two halves of the coarse rows, by threads if there are any.
+    """
+    count = restriction.shape[0]
+    middle = count // 2 if matrix.shape[0] >= LARGE else count
+    ends = [(0, middle), (middle, count)] if middle < count else [(0, count)]
+
+    def product(first: int, last: int) -> csr_matrix:
+        """Some rows of the coarser matrix."""
+        return (rows_of(restriction, first, last) @ matrix @ space).tocsr()
+
+    work = [partial(product, *pair) for pair in ends]
+    work.append(partial(make, matrix, space, restriction))
+    *products, level = in_portions(lambda task: task(), work)
+    return level, vstack(products, format="csr")
+
+
+def coarsest_solver(matrix: csr_matrix) -> Callable[[np.ndarray], np.ndarray]:
+    """Solutions with factors of a matrix, zero for unknowns without entries.
+
+    Interpolation from an aggregate with few nodes has columns of zeros.
+    """
+    kept = np.flatnonzero(matrix.diagonal())
+    solve = splu(matrix[kept][:, kept].tocsc()).solve
+
+    def solution(right: np.ndarray) -> np.ndarray:
+        """The solution for a right-hand side."""
+        x = np.zeros_like(right)
+        x[kept] = solve(right[kept])
+        return x
+
+    return solution
 
 
 def v_cycle(

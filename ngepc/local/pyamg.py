@@ -10,7 +10,14 @@ from scipy.sparse import bsr_matrix, csr_matrix, eye
 
 from ngepc.discretisation.body import DiscreteBody
 from ngepc.linalg.aggregation import COARSEST
-from ngepc.linalg.cycle import LARGE, Level, separated, v_cycle
+from ngepc.linalg.cycle import (
+    LARGE,
+    Level,
+    coarsest_solver,
+    level_and_coarser,
+    separated,
+    v_cycle,
+)
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import (
     FullPattern,
@@ -67,21 +74,24 @@ class VCycles:
         if len(self._modes) >= LARGE:
             self._sets = split_unknowns(pattern.blocks, body)
         self._spaces: list[csr_matrix] = []
+        self._restrictions: list[csr_matrix] = []
 
     def coarsen(self, matrix: csr_matrix) -> None:
         """See ``Preconditioner``."""
         self._spaces = coarse_spaces(matrix, self._modes, self._N)
+        self._restrictions = [space.T.tocsr() for space in self._spaces]
 
     def update(self, pinned: csr_matrix) -> Linear:
         """See ``Preconditioner``."""
         sweep = pyamg.amg_core.gauss_seidel_indexed
+        sets = self._sets
         levels = []
-        for space in self._spaces:
-            level = Level(pinned, space, sweep, None if levels else self._sets)
+        for pair in zip(self._spaces, self._restrictions, strict=True):
+            make = partial(Level, sweep=sweep, sets=sets)
+            level, pinned = level_and_coarser(make, pinned, *pair)
             levels.append(level)
-            pinned = (level.restriction @ pinned @ space).tocsr()
-        coarsest = partial(pyamg.coarse_grid_solver("splu"), pinned)
-        return partial(v_cycle, levels, coarsest)
+            sets = None
+        return partial(v_cycle, levels, coarsest_solver(pinned))
 
 
 def split_unknowns(blocks: csr_matrix, body: DiscreteBody) -> list[np.ndarray]:

@@ -8,7 +8,15 @@ from scipy.sparse.linalg import splu, spsolve_triangular
 
 from ngepc.linalg import cycle
 from ngepc.linalg.cores import crew
-from ngepc.linalg.cycle import Level, Product, from_the_end, separated, v_cycle
+from ngepc.linalg.cycle import (
+    Level,
+    Product,
+    coarsest_solver,
+    from_the_end,
+    level_and_coarser,
+    separated,
+    v_cycle,
+)
 
 amg_core = pytest.importorskip("pyamg").amg_core
 SWEEP = amg_core.gauss_seidel_indexed
@@ -49,13 +57,15 @@ def test_forwards_is_gauss_seidel_in_the_order_of_the_sets(matrix, space):
     for _ in range(cycle.SWEEPS):
         rest = right[order] - permuted @ expected
         expected = expected + spsolve_triangular(tril(permuted).tocsr(), rest)
-    Level(matrix, space, SWEEP, sets).forwards(x, right)
+    Level(matrix, space, space.T.tocsr(), SWEEP, sets).forwards(x, right)
     assert x[order] == pytest.approx(expected, abs=1e-13)
 
 
 @pytest.mark.parametrize("split", [False, True])
 def test_the_cycle_is_symmetric_and_positive(matrix, space, split):
-    level = Level(matrix, space, SWEEP, sets_of(matrix) if split else None)
+    level = Level(
+        matrix, space, space.T.tocsr(), SWEEP, sets_of(matrix) if split else None
+    )
     coarse = splu((space.T @ matrix @ space).tocsc()).solve
     cycles = np.array([v_cycle([level], coarse, e) for e in np.eye(144)])
     assert cycles == pytest.approx(cycles.T, abs=1e-13)
@@ -65,12 +75,35 @@ def test_the_cycle_is_symmetric_and_positive(matrix, space, split):
 
 
 def test_threads_do_not_change_a_digit(matrix, space):
-    level = Level(matrix, space, SWEEP, sets_of(matrix))
+    level = Level(matrix, space, space.T.tocsr(), SWEEP, sets_of(matrix))
     coarse = splu((space.T @ matrix @ space).tocsc()).solve
     r = np.random.default_rng(1).standard_normal(144)
     alone = v_cycle([level], coarse, r)
     with crew(2):
         assert np.array_equal(v_cycle([level], coarse, r), alone)
+
+
+@pytest.mark.parametrize("large", [100, 1000])
+def test_the_next_matrix_is_galerkin_s(matrix, space, large, monkeypatch):
+    monkeypatch.setattr(cycle, "LARGE", large)
+    restriction = space.T.tocsr()
+
+    def make(*given):
+        return Level(*given, SWEEP)
+
+    with crew(2):
+        level, coarser = level_and_coarser(make, matrix, space, restriction)
+    assert level.space is space
+    assert np.array_equal(coarser.toarray(), (restriction @ matrix @ space).toarray())
+
+
+def test_unknowns_without_entries_stay_zero(matrix):
+    padded = csr_matrix((matrix.data, matrix.indices, matrix.indptr), (144, 144))
+    padded.resize(150, 150)
+    right = np.random.default_rng(4).standard_normal(150)
+    x = coarsest_solver(padded)(right)
+    assert (x[144:] == 0).all()
+    assert matrix @ x[:144] == pytest.approx(right[:144], abs=1e-12)
 
 
 def test_numbers_from_the_end(matrix):
