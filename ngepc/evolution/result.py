@@ -10,7 +10,6 @@ import numpy as np
 from ngsolve import CoefficientFunction, GridFunction
 
 from ngepc._deprecated import old_names
-from ngepc.discretisation.law import Law
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import Points
 from ngepc.evolution.distance import DistanceBound, distance_of
@@ -68,7 +67,6 @@ class StepRecord:
         forces = result.equilibrium.reactions
         gained = points.at(fields.plastic_increment)
         plastic = before.arrays["plastic_strain"] + gained
-        u = nodal(fields.displacement.vec.FV().NumPy(), problem)
         if isinstance(result, ExactResult):
             lost = result.discrete.law.lost(result.state.at)
         else:
@@ -81,7 +79,7 @@ class StepRecord:
             contact_force=float(result.contact_force),
             reactions={str(place): force.tolist() for place, force in forces.items()},
             primal_energy=float(result.primal_energy),
-            elastic_energy=energy_of_strains(problem, points, u, plastic),
+            elastic_energy=energy_of_strains(fields, points),
             dissipation=points.integral(lost),
             max_plastic_strain=problem.processes.maximum(size),
             nodes=nodes_of(problem.mesh),
@@ -102,30 +100,15 @@ def largest_at_contact(result: Result) -> dict[str, float]:
     }
 
 
-def energy_of_strains(
-    problem: Problem, points: Points, u: np.ndarray, plastic: np.ndarray
-) -> float:
-    """1/2 int C e : e of e = eps(u) - eps_0 - p, from nodal u and coordinates of p.
-
-    In plane stress eps_zz is the one for which sigma_zz = 0.
-    """
-    kinematics = problem.kinematics
-    volume, deviator = points.strain(u)
-    if problem.initial_strain is not None:
-        swelling, distortion = Law.initial_parts(problem, points)
-        volume = volume - swelling
-        deviator = deviator - distortion
-    deviator = deviator - plastic
-    two_mu = points.at(2 * problem.material.lame_mu)
-    bulk = points.at(problem.material.lame_lambda) + two_mu / kinematics.size
-    if kinematics.thin:
-        n = kinematics.across
-        stress = bulk * volume + two_mu * (deviator @ n)
-        z = -stress / (bulk + two_mu * (n @ n))
-        volume = volume + z
-        deviator = deviator + z[:, None] * n
-    shear = np.einsum("pd,pd->p", deviator, deviator)
-    return points.integral(0.5 * (bulk * volume**2 + two_mu * shear))
+def energy_of_strains(fields: Fields, points: Points) -> float:
+    """1/2 int C e : e of the elastic strain e = eps(u) - eps_0 - p."""
+    problem = fields.problem
+    elastic = tensors(points, fields.strain - problem.eps_0 - fields.plastic_strain)
+    volume = np.einsum("pii->p", elastic)
+    squares = np.einsum("pij,pij->p", elastic, elastic)
+    lam = points.at(problem.material.lame_lambda)
+    mu = points.at(problem.material.lame_mu)
+    return points.integral(0.5 * lam * volume**2 + mu * squares)
 
 
 def tensors(points: Points, value: CoefficientFunction) -> np.ndarray:
