@@ -305,8 +305,12 @@ class Scan:
 
     def _on_lattice(self, numbers: np.ndarray) -> np.ndarray:
         """Values on the lattice, shape (elements, points, components)."""
-        rule = lattice_rule(self.dim, self.count)
-        return np.stack([self._at(number, rule) for number in numbers.tolist()])
+        shares = lattice(self.dim, self.count)[1]
+        somewhere = self.mesh.MapToAllElements(rule_at(shares[:1]), self.kind)
+        points = np.repeat(somewhere[numbers], len(shares))
+        for axis, places in zip("xyz", shares[:, :-1].T, strict=False):
+            points[axis] = np.tile(places, len(numbers))
+        return np.asarray(self.value(points)).reshape(len(numbers), len(shares), -1)
 
     def at(
         self, number: int, shares: np.ndarray, value: CoefficientFunction

@@ -129,6 +129,10 @@ class RepeatedSolver:
         discrete = DiscreteProblem(problem, like=self._discrete)
         return self.solve_from(starting_state(discrete, start), monitor)
 
+    def _fastest(self, discrete: DiscreteProblem) -> str | Iterative:
+        """The linear solver for a body where the options name none."""
+        return fastest_solver(discrete)
+
     def solve_from(
         self,
         state: State,
@@ -144,7 +148,7 @@ class RepeatedSolver:
         tangent = self._tangent
         if tangent is None or discrete.stiffness is not before.stiffness:
             given = self.options.inverse
-            self._chosen = fastest_solver(discrete) if given is None else given
+            self._chosen = self._fastest(discrete) if given is None else given
             tangent = tangent_of(discrete, self._chosen)
         self._discrete = discrete
         self._tangent = tangent if isinstance(tangent, Factors) else None

@@ -12,6 +12,8 @@ from scipy.sparse import csr_matrix
 from ngepc.discretisation.contact_step import with_contact
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.secants import Compliance
+from ngepc.local.choice import DIRECT, fastest_solver, most_by_factors
+from ngepc.local.iterative import Iterative
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import RepeatedSolver
 from ngepc.local.system import DiscreteProblem, State
@@ -21,6 +23,9 @@ from ngepc.results.outcome import History, Status
 REMEMBERED = 2000
 """Largest number of contact forces for which the compliance matrix is kept."""
 
+LONGER = 2.0
+"""Factors are used up to this many times the number of unknowns up to which they are faster."""
+
 
 class WarmSolver(RepeatedSolver):
     """Solves similar problems in sequence, each from the last solution, see ``RepeatedSolver``."""
@@ -28,6 +33,11 @@ class WarmSolver(RepeatedSolver):
     last: ExactResult | None = None  # the last solution
     _next: tuple[Problem, State] | None = None
     _learned: tuple[csr_matrix, Compliance] | None = None
+
+    def _fastest(self, discrete: DiscreteProblem) -> str | Iterative:
+        """Factors for larger bodies than elsewhere, since they give a prediction."""
+        small = int(discrete.free.sum()) <= LONGER * most_by_factors(discrete)
+        return DIRECT if small else fastest_solver(discrete)
 
     def _compliance(self, discrete: DiscreteProblem) -> Compliance:
         """The approximate compliance of the contact rows, from this and earlier solves."""

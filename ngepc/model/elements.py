@@ -40,6 +40,9 @@ SHAPES = {
 }
 """(dimension, number of vertices) -> type and the corners of its facets."""
 
+TYPES = {(1, 2): ET.SEGM} | {key: shape for key, (shape, _) in SHAPES.items()}
+"""(dimension, number of vertices) -> type."""
+
 
 def cells_of(mesh: Mesh, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """Node numbers (-1 for none) of the elements of a dimension, and their region numbers.
@@ -50,6 +53,18 @@ def cells_of(mesh: Mesh, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     nodes, region = (elements[name].astype(int) - 1 for name in ("nodes", "index"))
     missing = max(0, 2**dimension - nodes.shape[1])
     return np.pad(nodes, ((0, 0), (0, missing)), constant_values=-1), region
+
+
+def elements_by_type(mesh: Mesh, dimension: int, chosen: list) -> dict[ET, np.ndarray]:
+    """Type -> which of the elements of a dimension in the ``chosen`` regions are of this type.
+
+    The elements are numbered as ``Region.Elements()`` yields them.
+    """
+    nodes, region = cells_of(mesh, dimension)
+    mask = np.array(chosen, dtype=bool)
+    corners = (nodes[mask[region], : 2**dimension] >= 0).sum(axis=1)
+    counts = np.unique(corners)
+    return {TYPES[dimension, count]: corners == count for count in counts.tolist()}
 
 
 def element_nodes(mesh: Mesh) -> np.ndarray:

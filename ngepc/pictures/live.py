@@ -23,12 +23,13 @@ from ngsolve import CoefficientFunction
 from ngepc.checks.kinds import require_function, require_instance, require_text
 from ngepc.local.result import ExactResult
 from ngepc.local.warm import WarmSolver
+from ngepc.model.elements import cells_of, vertex_coordinates
 from ngepc.model.problem import Problem
 from ngepc.pictures.curves import pressure_curves
 from ngepc.pictures.drawable import SIGNED, Drawable, UnitNames, drawable
 from ngepc.pictures.fields import Drawing
 from ngepc.pictures.live_server import LabServer, json_ready
-from ngepc.pictures.sampling import Corners, colour_scale, corners_of
+from ngepc.pictures.sampling import Corners, colour_scale, corners_of, is_curved
 from ngepc.pictures.sliders import Change, Slider, changed
 from ngepc.pictures.views import (
     LINES,
@@ -41,8 +42,8 @@ from ngepc.pictures.views import (
 
 SCRIPT = Path(__file__).with_name("live.js").read_text(encoding="utf-8")
 
-LONG = 0.1  # after slower solves (s) the next one shows a prediction first
-SAMPLES = 1  # parts of an edge between samples for the scale of colours
+LONG = 0.15  # after slower solves (s) the next one shows a prediction first
+CURVED = 2  # straight parts that stand for a curved edge
 ROOM = 1.3  # factor by which scales of colours and pressures are extended
 EXTRA = 'pip install "ngepc[notebook]"'
 
@@ -202,10 +203,14 @@ class Laboratory:
         self, result: ExactResult, values: Mapping[str, float], exact: bool
     ) -> dict:
         """A picture, its curves and the description of the solution."""
+        fields = result.fields
         drawn = drawable(result, self.field, self.drawing.units)
-        self._widen(drawn, corners_of(result.fields, drawn.coefficient, cuts=SAMPLES))
+        cuts = CURVED if is_curved(fields) else 1
+        corners = corners_of(fields, drawn.coefficient, cuts=cuts)
+        self._widen(drawn, corners)
         self.peak = max(self.peak, self._peak_of(result))
-        scene = scene_of(result, drawn, None, self.colours, self.drawing, self.peak)
+        given = self.colours, self.drawing, self.peak
+        scene = scene_of(result, drawn, corners, *given, outline_of(result, cuts))
         position = self._position(values)
         caption = position if exact else f"{position}: predicted, solving ..."
         curves = self._curves(result, values, exact)
@@ -329,13 +334,25 @@ class Laboratory:
 def described(result: ExactResult) -> str:
     """A description of a solution: status, residual, duality gap, and its message."""
     gap = result.primal_energy + result.dual_energy
+    plural = "" if result.iterations == 1 else "s"
+    steps = f"{result.iterations} Newton step{plural}"
     parts = [
-        f"{result.status.label.replace('_', ' ')} after {result.iterations} Newton steps",
+        f"{result.status.label.replace('_', ' ')} after {steps}",
         f"residual {result.residual_norm:.1e}",
     ]
     if math.isfinite(gap):
         parts.append(f"J + J* = {gap:.1e} (0 at the solution)")
     return f"{', '.join(parts)}. {result.message}".strip()
+
+
+def outline_of(result: ExactResult, cuts: int) -> Corners:
+    """The boundary of a plane body, whose segments are cut into parts, or the edges of a solid."""
+    mesh = result.problem.mesh
+    if mesh.dim == 2:
+        return corners_of(result.fields, where=".*", cuts=cuts)
+    ends = cells_of(mesh, 1)[0][:, :2]
+    points = vertex_coordinates(mesh)[ends]
+    return Corners(points, result.state.u[ends], np.zeros(ends.shape))
 
 
 def largest_displacement(result: ExactResult) -> float:

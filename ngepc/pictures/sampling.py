@@ -22,7 +22,7 @@ from ngsolve import (
 from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import require_number
-from ngepc.model.elements import outward_normal
+from ngepc.model.elements import elements_by_type, outward_normal
 from ngepc.model.features import (
     BASIC_FEATURES,
     CONTACT_FEATURES,
@@ -73,8 +73,11 @@ class Corners:
     def measures(self) -> np.ndarray:
         """Length or area of each segment or triangle."""
         edges = self.points[:, 1:] - self.points[:, :1]
-        gram = np.einsum("tik,tjk->tij", edges, edges)
-        return np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / edges.shape[1]
+        squares = np.einsum("tik,tik->it", edges, edges)
+        if len(squares) == 1:
+            return np.sqrt(squares[0])
+        product = np.einsum("tk,tk->t", edges[:, 0], edges[:, 1])
+        return 0.5 * np.sqrt(np.maximum(squares[0] * squares[1] - product**2, 0.0))
 
 
 def is_curved(fields: Fields) -> bool:
@@ -110,21 +113,25 @@ def corners_of(
         require_covered(fields.problem, "a picture", COVERS)
     plane = where is None and mesh.dim == 2
     region = mesh.Materials(".*") if plane else mesh.Boundaries(where or ".*")
-    types = np.array([element.type for element in region.Elements()])
+    dimension = 2 if plane else mesh.dim - 1
+    types = elements_by_type(mesh, dimension, region.Mask())
+    number = sum(len(alike) for alike in types.values()) // max(1, len(types))
     if cuts is None:
         bent = is_curved(fields) or ET.QUAD in types or mesh.dim == 3
-        cuts = max(1, min(4, math.isqrt(200_000 // len(types)))) if bent else 1
-    parts = {shape: _pieces(shape, cuts, border) for shape in set(types)}
+        cuts = max(1, min(4, math.isqrt(200_000 // number))) if bent else 1
+    parts = {shape: _pieces(shape, cuts, border) for shape in types}
     rules = {
         shape: IntegrationRule(p.tolist(), [0.0] * len(p))
         for shape, (p, _) in parts.items()
     }
     mapped = mesh.MapToAllElements(rules, region)
-    counts = np.array([len(parts[shape][0]) for shape in types])
+    counts = np.zeros(number, dtype=int)
+    for shape, alike in types.items():
+        counts[alike] = len(parts[shape][0])
     first = np.cumsum(counts) - counts
-    kept = np.ones(len(types), dtype=bool) if keep is None else keep
+    kept = np.ones(number, dtype=bool) if keep is None else keep
     pieces = np.concatenate([
-        (first[kept & (types == shape)][:, None, None] + corners).reshape(-1, corners.shape[1])
+        (first[kept & types[shape]][:, None, None] + corners).reshape(-1, corners.shape[1])
         for shape, (_, corners) in parts.items()
     ])  # fmt: skip
     coefficient = CF(0.0) if coefficient is None else coefficient

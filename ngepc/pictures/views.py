@@ -51,6 +51,7 @@ from ngepc.pictures.sampling import (
     offset,
 )
 from ngepc.pictures.style import Picture, png_address, styled
+from ngepc.results.fields import Fields
 from ngepc.results.records import write_text
 
 EXTRA = 'pip install "ngepc[html]"'
@@ -237,13 +238,14 @@ def scene_of(
     colours: ScalarMappable,
     drawing: Drawing,
     peak: float,
+    outline: Corners | None = None,
 ) -> dict:
     """The data with which webgui draws a scalar on the deformed body, for JSON.
 
     In 2D the obstacle and the contact pressure over the deformed boundary are lines, ``peak`` is
     drawn 0.15 times as high as the body is large.  ``corners`` are triangles to draw in place of
-    the whole body.  Every scene of a slider has the same lines:
-    webgui keeps the list of the first one.
+    the whole body, and ``outline`` the segments around them.  Every scene of a slider has the same
+    lines: webgui keeps the list of the first one.
     """
     fields = fields_of(source)
     scale = drawing.deformation_scale
@@ -257,51 +259,75 @@ def scene_of(
             ("obstacle", obstacle_lines(fields, scale)),
             ("contact pressure", offset(fields, names, height, scale)),
         ]
-    with np.errstate():  # its import changes numpy's error state
-        from ngsolve.webgui import BuildRenderData
-    data = BuildRenderData(
-        fields.problem.mesh,
-        drawn.coefficient,
-        order=2 if is_curved(fields) else 1,
-        draw_vol=False,
-        deformation=scale * fields.displacement,
-        regions={kind: kind for kind in (VOL, BND, BBND)},
-        objects=webgui_lines((name, LINES[name], there) for name, there in lines),
-        settings=webgui_settings(plane, drawing.mesh_lines),
-    )
+    objects = webgui_lines((name, LINES[name], there) for name, there in lines)
+    settings = webgui_settings(plane, drawing.mesh_lines)
+    if corners is None:
+        data = _whole_body(fields, drawn, scale, objects, settings)
+    else:
+        data = triangles(corners, scale, outline)
+        data |= {"mesh_dim": fields.problem.N, "objects": objects}
+        data |= {"gui_settings": settings}
     limits = {
         "funcmin": colours.norm.vmin,
         "funcmax": colours.norm.vmax,
         "autoscale": False,
     }
     colors = colours.cmap(np.linspace(0.0, 1.0, 64))[:, :3].tolist()
-    if corners is not None:
-        data |= triangles(corners, scale)
     return data | limits | {"deformation_scale": 1.0, "colors": colors}
 
 
-def triangles(corners: Corners, scale: float) -> dict:
-    """The data with which webgui draws triangles instead of the elements of a mesh."""
-    with np.errstate():
-        from ngsolve.webgui import encodeData
-    points = corners.deformed(scale)
-    flat = np.zeros((*points.shape[:2], 3 - points.shape[2]))
-    data = np.concatenate([points, flat, corners.values[..., None]], axis=2)
-    places = points.reshape(-1, points.shape[2])
-    low = np.pad(places.min(axis=0), (0, 3 - points.shape[2]))
-    high = np.pad(places.max(axis=0), (0, 3 - points.shape[2]))
-    nothing = encodeData(np.zeros((0, 4)), dtype=np.float32)
+def _whole_body(
+    fields: Fields, drawn: Drawable, scale: float, objects: list[dict], settings: dict
+) -> dict:
+    """The data with which webgui draws the elements of a mesh."""
+    with np.errstate():  # its import changes numpy's error state
+        from ngsolve.webgui import BuildRenderData
+    return BuildRenderData(
+        fields.problem.mesh,
+        drawn.coefficient,
+        order=2 if is_curved(fields) else 1,
+        draw_vol=False,
+        deformation=scale * fields.displacement,
+        regions={kind: kind for kind in (VOL, BND, BBND)},
+        objects=objects,
+        settings=settings,
+    )
+
+
+def triangles(corners: Corners, scale: float, outline: Corners | None = None) -> dict:
+    """The data with which webgui draws triangles, and segments of an outline, for a mesh."""
+    places = _positions(corners, scale)
+    values = corners.values[..., None]
+    low = places.min(axis=(0, 1))
+    high = places.max(axis=(0, 1))
+    ends = np.zeros((0, 2, 3)) if outline is None else _positions(outline, scale)
     return {
         "order2d": 1,
-        "Bezier_trig_points": [
-            encodeData(np.ascontiguousarray(data[:, k]), dtype=np.float32)
-            for k in range(3)
-        ],
-        "Bezier_points": [nothing, nothing],
-        "edges": [nothing, nothing],
+        "draw_surf": True,
+        "draw_vol": False,
+        "funcdim": 1,
+        "show_wireframe": False,
+        "show_mesh": True,
+        "Bezier_trig_points": _encoded(np.concatenate([places, values], axis=2)),
+        "Bezier_points": [],
+        "edges": _encoded(np.pad(ends, ((0, 0), (0, 0), (0, 1)))),
         "mesh_center": (0.5 * (low + high)).tolist(),
         "mesh_radius": float(np.linalg.norm(high - low) / 2),
     }
+
+
+def _positions(corners: Corners, scale: float) -> np.ndarray:
+    """Deformed positions with three coordinates each."""
+    points = corners.deformed(scale)
+    return np.pad(points, ((0, 0), (0, 0), (0, 3 - points.shape[2])))
+
+
+def _encoded(pieces: np.ndarray) -> list[str]:
+    """The first corner of all pieces, the second one, and so on, as webgui reads them."""
+    with np.errstate():
+        from ngsolve.webgui import encodeData
+    corners = np.ascontiguousarray(pieces.swapaxes(0, 1), dtype=np.float32)
+    return [encodeData(corner, dtype=np.float32) for corner in corners]
 
 
 def pressure_peak(sources: Iterable[object]) -> float:

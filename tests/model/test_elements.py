@@ -16,6 +16,7 @@ from ngepc.model.elements import (
     corner_vertices,
     element_facets,
     elements_by_shape,
+    elements_by_type,
     has_straight_simplices,
     outward_normal,
     plastic_order,
@@ -159,3 +160,14 @@ def test_degenerate_and_inverted_elements_are_refused():
         check_mesh(triangles_of(points, [(0, 1, 2), (1, 2, 5)]))
     with pytest.raises(ValueError, match="has no elements"):
         check_mesh(triangles_of(points, []))
+
+
+@pytest.mark.parametrize("kind", ["body", "left"])
+def test_types_are_in_the_order_of_the_elements(mesh, kind):
+    body = kind == "body"
+    region = mesh.Materials(".*") if body else mesh.Boundaries(kind)
+    found = elements_by_type(mesh, mesh.dim - (not body), region.Mask())
+    types = [element.type for element in region.Elements()]
+    assert set(types) == set(found)
+    for shape, alike in found.items():
+        assert [one == shape for one in types] == alike.tolist()

@@ -1,5 +1,6 @@
 """The laboratory: every position is a solve, predictions are first order, and dragging is live."""
 
+import base64
 import json
 import subprocess
 import sys
@@ -13,10 +14,13 @@ from ngsolve import x
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
 from ngepc.geometries import block, lshape
+from ngepc.local.choice import DIRECT
 from ngepc.local.warm import WarmSolver
 from ngepc.pictures import views
+from ngepc.pictures.drawable import drawable
 from ngepc.pictures.live import lab
 from ngepc.pictures.sliders import changed, load_size, round_step
+from ngepc.studies.large import indented_block
 
 needs_viewer = pytest.mark.skipif(
     not views.viewer_installed(), reason=f"no offline viewer: {views.EXTRA}"
@@ -174,6 +178,45 @@ def test_what_cannot_be_solved_is_said_and_the_next_position_is_solved():
     assert "too large" in frame["said"]
     (*_, frame) = laboratory.frames({"radius": 0.5})
     assert frame["scene"] is not None
+
+
+def numbers(texts):
+    """The numbers that webgui reads, (arrays, pieces, 4)."""
+    each = [np.frombuffer(base64.b64decode(text), np.float32) for text in texts]
+    return np.stack(each).reshape(len(texts), -1, 4)
+
+
+@needs_viewer
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_picture_has_the_positions_and_values_of_the_viewer(dim):
+    problem = body() if dim == 2 else indented_block(1)
+    laboratory = lab(problem, lame_mu=(500.0, 2000.0))
+    (*_, frame) = laboratory.frames({})
+    result = laboratory.last
+    given = [laboratory.colours, laboratory.drawing, laboratory.peak]
+    what = drawable(result, laboratory.field)
+    viewer = views.scene_of(result, what, None, *given)
+    for name in ("Bezier_trig_points", "edges"):
+        ours = numbers(frame["scene"][name])
+        theirs = numbers(viewer[name])
+        centres = [one[..., :3].mean(axis=0).round(5) for one in (ours, theirs)]
+        first, second = (np.lexsort(one.T) for one in centres)
+        sums = ours[:, first].sum(axis=0), theirs[:, second].sum(axis=0)
+        np.testing.assert_allclose(*sums, rtol=1e-5, atol=1e-6)
+    assert viewer["objects"] == frame["scene"]["objects"]
+
+
+def test_factors_are_kept_for_solids_that_multigrid_would_solve():
+    problem = indented_block(2)
+    solver = WarmSolver()
+    solver.solve(problem)
+    moved = replace(problem, gap=problem.gap + 1e-4)
+    assert solver.predict(moved) is not None
+    warm = solver.solve(moved)
+    assert warm.linear_solver == DIRECT
+    cold = semismooth_newton(moved)
+    assert cold.linear_solver != DIRECT
+    assert warm.contact_force == pytest.approx(cold.contact_force, rel=1e-8)
 
 
 @pytest.fixture
