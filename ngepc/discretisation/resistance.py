@@ -155,6 +155,18 @@ class Resistance:
         more = self.linear + zero
         return more + PEEQ**2 * least, more + PEEQ**2 * largest
 
+    def _start(self, over: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Where Newton's method for ``gained_at`` begins (points,).
+
+        Zero, but where the slope of an overstress may be infinite: there what the rate alone gains
+        under the stress ``over`` beyond the bound.
+        """
+        if self.rate is None:
+            return np.zeros_like(over)
+        with np.errstate(over="ignore"):
+            by_rate = self.duration / PEEQ * self.rate.rate(over / PEEQ)
+        return np.fmin(by_rate, high)
+
     def gained_at(self, size: np.ndarray, modulus: np.ndarray) -> np.ndarray:
         """The g >= 0 with modulus g + beta(g) = size, 0 where size <= beta, inf for none (points,).
 
@@ -165,7 +177,7 @@ class Resistance:
         if self.is_constant:
             return high
         low = np.zeros_like(size)
-        g = np.zeros_like(size)
+        g = self._start(over, high)
         before = np.inf
         exact = EXACT * np.maximum(size, self.beta)
         for _ in range(100):
@@ -177,7 +189,7 @@ class Resistance:
                 break
             steep = np.maximum(modulus + self.slope(g), exact / ENDLESS)
             newton = g - excess / steep
-            good = (low < newton) & (newton < high) & (np.abs(excess) < 0.5 * before)
+            good = (low < newton) & (newton <= high) & (np.abs(excess) < 0.5 * before)
             middle = np.minimum(0.5 * (low + high), 2 * low + FIRST)
             g = np.where(done, g, np.where(good, newton, middle))
             before = np.abs(excess)

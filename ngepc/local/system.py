@@ -163,7 +163,9 @@ class State(Iterate):
 
         def work(t: float) -> float:
             """The derivative of the energy along the step."""
-            there = law.returned(self.volume + t * volume, self.deviator + t * e)
+            there = self.at
+            if t != 0.0:
+                there = law.returned(self.volume + t * volume, self.deviator + t * e)
             mean, stress = law.stress(there)
             power = mean * volume + np.einsum("pd,pd->p", stress, e)
             return points.integral(power) + start + t * rise
