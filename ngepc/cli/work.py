@@ -242,7 +242,9 @@ def limit(args: argparse.Namespace) -> int:
     }
     _write_limit(args, record, found.message)
     if args.figures is not None:
-        figures = {"bracket": plot_bracket(found), "mechanism": plot_mechanism(found)}
+        figures = {"bracket": plot_bracket(found)}
+        if found.last.mechanism is not None:
+            figures["mechanism"] = plot_mechanism(found)
         name_written(saved_figures(figures, args.figures, args.body))
     return 0 if found.status.is_success else 1
 

@@ -33,6 +33,9 @@ LAST_DEGREE = 3
 EXCESS = 3.0
 """Price of the strength of a cell over its dissipation from which on it holds the bound down."""
 
+MOST_NEGATIVE = -1e6
+"""An upper bound below this number, in units of strength over load, counts as minus infinity."""
+
 TINY = 1e-300
 """Smallest number that is divided by."""
 
@@ -50,8 +53,8 @@ class MeshBracket:
     marks
         Indicators for refinement, one for each cell: the gaps of the first mechanism of the mesh,
         and where the lower bound is held down.
-    unlimited
-        Whether the body carries any load factor.
+    unlimited, overloaded
+        Whether the body carries any load factor, or none because of its constant loads.
     unknowns, steps, words
         Numbers of unknowns and of interior point steps, and final statuses of the solver, of the
         programs for the lower and the upper bound.
@@ -63,6 +66,7 @@ class MeshBracket:
     mechanism: Mechanism | None
     marks: np.ndarray
     unlimited: bool
+    overloaded: bool
     unknowns: tuple[int, int]
     steps: tuple[int, int]
     words: tuple[str, str]
@@ -210,6 +214,16 @@ def upper_on(
     return Found(mechanism, len(program.cost), found.steps, found.status)
 
 
+def is_overloaded(above: Found) -> bool:
+    """Whether the constant loads do more power than some mechanism dissipates.
+
+    The program of the upper bound has no minimum then, or a very negative value.
+    """
+    if above.word in UNBOUNDED:
+        return True
+    return above.field is not None and above.field.factor < MOST_NEGATIVE
+
+
 def locked(data: LimitData, below: Found, above: Found) -> np.ndarray:
     """Indicators of cells that hold the lower bound down where the mechanism does not flow.
 
@@ -275,6 +289,7 @@ def bracket_on(
         above.field,
         marks,
         below.word in UNBOUNDED,
+        is_overloaded(above),
         (below.unknowns, above.unknowns),
         (below.steps, above.steps),
         (below.word, above.word),

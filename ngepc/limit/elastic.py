@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from ngsolve import TRIG, VOL, IntegrationRule, x, y
+from ngsolve import TRIG, VOL, IntegrationRule, Norm, x, y
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.limit.data import STAYS, LimitData, barycentric
@@ -78,7 +78,7 @@ def elastic_stress(
     tuple
         Coordinates at the vertices of the triangles, (nc, 3, s) (stress); the residuals of
         equilibrium and the differences from an affine function, a vector (stress); the data with
-        this load as the one that grows.
+        this load as the one that grows.  Stresses that are zero up to rounding are zero.
     """
     alone = without_loads(problem, [other for other in loads if other != name])
     old = problem.material
@@ -104,6 +104,12 @@ def elastic_stress(
     corners = np.linalg.pinv(shares) @ tensors
     coordinates = corners @ shape.reading
     uneven = tensors - shares @ corners
+    # the stress of strains of this size, if they are prevented
+    prevented = np.asarray((old.lame_mu * Norm(result.displacement))(points)).max()
+    prevented = prevented / np.ptp(cells.points, axis=0).max()
+    if np.abs(tensors).max() <= EXACT * prevented:
+        coordinates = np.zeros(coordinates.shape)
+        uneven = np.zeros(uneven.shape)
     residual = imbalance(data, shape, coordinates)
     return coordinates, np.concatenate([uneven.ravel(), residual]), data
 

@@ -26,7 +26,7 @@ from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.limit.bernstein import distinct_parts, multi_indices, raised, times_hats
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.enclosed import LARGER, UNIT, Enclosed
-from ngepc.limit.outline import Outline, tree_from
+from ngepc.limit.outline import Outline, Tree, connected_parts, tree_from
 from ngepc.limit.yielding import SLIP, YieldShape
 
 
@@ -91,12 +91,26 @@ def _fluxes(data: LimitData, means: np.ndarray) -> np.ndarray:
     closed = (np.abs(np.where(held, normal, 0.0)) > 0).any(axis=1)
     tree = tree_from(cells, np.flatnonzero(outer & ~closed))
     result = np.zeros(len(cells.facets))
-    if not tree.is_whole:
+    if _fills_while_closed(data, tree):
         return result + np.inf
     flux = tree.sums(means)
     leaves = tree.facet >= 0
     result[tree.facet[leaves]] = flux[leaves]
     return result
+
+
+def _fills_while_closed(data: LimitData, tree: Tree) -> bool:
+    """Whether a part without a free boundary has normal speeds on its boundary.
+
+    They need not add up to zero exactly; elsewhere the means of divergences do.
+    """
+    cells = data.cells
+    ends = np.flatnonzero(tree.facet < 0)
+    parts = connected_parts(cells)
+    inside = np.isin(parts, parts[ends])[cells.owners[:, 0]] & cells.outer
+    normal = np.einsum("fvp,fp->fv", data.motion, cells.normal)
+    moves = data.contact | (normal != 0).any(axis=1)
+    return bool((inside & moves).any())
 
 
 def _of_speeds(

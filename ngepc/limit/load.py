@@ -16,7 +16,7 @@ from ngepc.bounds.simplices import Simplices, marked
 from ngepc.bounds.transfer import bisected
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.checks.sentences import outward
+from ngepc.checks.sentences import in_words, outward
 from ngepc.limit.bisection import (
     bisected_cells,
     fan_cells,
@@ -24,7 +24,7 @@ from ngepc.limit.bisection import (
     split_corners,
 )
 from ngepc.limit.bracket import MeshBracket, bracket_on, carried_centre
-from ngepc.limit.data import LimitData, power_of_two
+from ngepc.limit.data import GROWS, LimitData, power_of_two
 from ngepc.limit.fields import (
     cell_order,
     mesh_of,
@@ -33,6 +33,7 @@ from ngepc.limit.fields import (
     velocity_function,
 )
 from ngepc.limit.reading import check_limit_problem, growing_names, limit_data
+from ngepc.limit.rigid import moves_freely
 from ngepc.limit.yielding import SHAPES, YieldShape
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.model.elements import vertex_coordinates
@@ -82,7 +83,15 @@ class LimitStatus(Enum):
     TOO_WEAK = (
         "No stress within the yield bound was found that balances the constant loads."
     )
-    UNLIMITED = "Stresses within the yield bound carry any load factor."
+    OVERLOADED = "The constant loads alone make the body collapse, whatever the growing loads are."
+    UNLIMITED = (
+        "No factor makes the body collapse: stresses within the yield bound balance each multiple"
+        " of the growing loads."
+    )
+    FREE = (
+        "The growing loads drive a rigid motion that supports and obstacles leave free: the limit"
+        " load is zero."
+    )
 
     def __str__(self) -> str:
         return self.label
@@ -94,8 +103,8 @@ class LimitStatus(Enum):
 
     @property
     def is_success(self) -> bool:
-        """Whether the requested width was reached."""
-        return self is LimitStatus.REACHED
+        """Whether the bounds are as close as requested; two zeros are."""
+        return self in (LimitStatus.REACHED, LimitStatus.FREE)
 
 
 @dataclass(frozen=True)
@@ -130,7 +139,9 @@ class LimitRecord:
 
 
 def width_of(lower: float, upper: float) -> float:
-    """(upper - lower) / |lower|, infinite where a bound is infinite or the lower one is zero."""
+    """(upper - lower) / |lower|, infinite where a bound is infinite or only the lower one zero."""
+    if upper == lower and math.isfinite(lower):
+        return 0.0
     if not math.isfinite(upper - lower) or lower == 0:
         return math.inf
     return (upper - lower) / abs(lower)
@@ -217,18 +228,27 @@ class LimitLoad(Bracketed):
         return stress_function(self.mesh, self.last.data, shape, self.last.stress, unit)
 
     @cached_property
-    def indicators(self) -> GridFunction:
+    def indicators(self) -> GridFunction | None:
         """Dissipation minus power of the stress, over the power of the loads, for each element.
 
         They are nonnegative; with the terms on obstacles their sum is the relative width of the
-        bounds of this mesh.
+        bounds of this mesh.  None without a stress or a mechanism, or if the lower bound is zero.
         """
+        if self.last.stress is None or self.last.mechanism is None:
+            return None
+        if self.last.lower == 0:
+            return None
         gaps = self.last.gaps[cell_order(self.last.data)]
         return on_elements(self.mesh, gaps / abs(self.last.lower))
 
     @cached_property
-    def dissipation(self) -> GridFunction:
-        """Density of dissipation of each element over the mean density of the body."""
+    def dissipation(self) -> GridFunction | None:
+        """Density of dissipation of each element over the mean density of the body.
+
+        None without a mechanism.
+        """
+        if self.last.mechanism is None:
+            return None
         order = cell_order(self.last.data)
         dissipated = self.last.mechanism.dissipated[order]
         volume = self.last.data.cells.volume[order]
@@ -290,7 +310,9 @@ def limit_load(
     check_limit_problem(problem, "a limit load")
     names = growing_names(problem, growing)
     shape = SHAPES[problem.kinematics.name]
-    search = Search(problem.mesh, limit_data(problem, names), shape)
+    data = limit_data(problem, names)
+    check_grows(data, names)
+    search = Search(problem.mesh, data, shape)
     status = search.run(relative_width, max_cells, monitor)
     bounds = (search.lower * search.unit, search.upper * search.unit)
     return LimitLoad(problem, names, *bounds, status, search.records, search.last)
@@ -306,6 +328,15 @@ def check_search(
     require_function("monitor", monitor, "a record", optional=True)
 
 
+def check_grows(data: LimitData, names: Sequence[str]) -> None:
+    """ValueError if the growing loads, or the motion of supports, are zero everywhere."""
+    growing = (data.force[GROWS], data.traction[GROWS], data.motion)
+    if not any(load.any() for load in growing):
+        raise ValueError(
+            f"growing={in_words(list(names))}: these loads are zero, and so is each multiple"
+        )
+
+
 class Search:
     """The loop over meshes; only its records have units."""
 
@@ -317,8 +348,10 @@ class Search:
         self.original = data
         self.mesh = mesh
         self.data, self.unit = self.original.without_units()
-        self.lower = -math.inf
-        self.upper = math.inf
+        # without constant loads the stress zero is admissible, with the factor zero
+        self.lower = -math.inf if data.has_constant else 0.0
+        self.is_free = moves_freely(self.data)
+        self.upper = 0.0 if self.is_free else math.inf
         self.records: list[LimitRecord] = []
         self.centre: np.ndarray | None = None
         self.is_last = False
@@ -340,6 +373,10 @@ class Search:
                     monitor(record)
             except StopIteration:
                 return LimitStatus.STOPPED
+            if self.is_free and self.upper == 0:
+                return LimitStatus.FREE
+            if self.last.overloaded:
+                return LimitStatus.OVERLOADED
             if self.last.unlimited:
                 self.lower = self.upper = math.inf
                 return LimitStatus.UNLIMITED
@@ -371,6 +408,10 @@ class Search:
         last = self.last
         self.lower = max(self.lower, last.lower)
         self.upper = min(self.upper, last.upper)
+        if (
+            self.is_free
+        ):  # loads that do work in a rigid motion are balanced up to rounding only
+            self.lower = min(self.lower, self.upper)
         bounds = (self.lower * self.unit, self.upper * self.unit)
         count = len(last.data.cells.nodes)
         record = LimitRecord(count, last.unknowns, *bounds, last.steps, last.words)

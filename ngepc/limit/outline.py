@@ -9,7 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.sparse.csgraph import (
+    breadth_first_order,
+    connected_components,
+    minimum_spanning_tree,
+)
 
 from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.limit.enclosed import Enclosed, cross, joined_enclosures
@@ -64,6 +68,16 @@ def _areas(x: Enclosed, N: int) -> Enclosed:
     return joined_enclosures(result)
 
 
+def connected_parts(cells: Simplices) -> np.ndarray:
+    """The number of the connected part of each cell, (nc,)."""
+    owners = cells.owners[~cells.outer]
+    count = len(cells.nodes)
+    ones = np.ones(len(owners))
+    graph = coo_matrix((ones, (owners[:, 0], owners[:, 1])), shape=(count, count))
+    _, parts = connected_components(graph, directed=False)
+    return parts
+
+
 @dataclass(frozen=True, eq=False)
 class Tree:
     """A way from each cell to the outside, through facets that are as large as possible.
@@ -74,15 +88,12 @@ class Tree:
         The cells, those that are nearer to the outside later.
     facet, above
         The facet through which the way of each cell begins, and the cell behind it, -1 where it
-        ends; a way without an end outside stops in a cell with the facet -1.
-    is_whole
-        Whether all cells have such a way.
+        ends; in a part without an end outside the ways stop in a cell with the facet -1.
     """
 
     order: np.ndarray
     facet: np.ndarray
     above: np.ndarray
-    is_whole: bool
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """The sums of values >= 0 over all cells whose ways go through the one of each cell."""
@@ -95,18 +106,17 @@ class Tree:
 
 
 def tree_from(cells: Simplices, roots: np.ndarray) -> Tree:
-    """The ways of cells to the outside through these outer facets, to one cell without any."""
+    """The ways of cells to the outside through these outer facets.
+
+    In a connected part without any they lead to its largest cell.
+    """
     count = len(cells.nodes)
     inside = np.flatnonzero(~cells.outer)
     first = cells.owners[inside, 0]
     second = cells.owners[inside, 1]
     largest = cells.measure.max()
     length = largest / cells.measure[inside]
-    ends, places = np.unique(cells.owners[roots, 0], return_index=True)
-    doors = roots[places]
-    if not len(roots):
-        ends = np.array([int(cells.volume.argmax())])
-        doors = np.array([-1])
+    ends, doors = _ends(cells, roots)
     rows = np.concatenate([first, np.full(len(ends), count)])
     columns = np.concatenate([second, ends])
     weights = np.concatenate([length, np.full(len(ends), NEAR)])
@@ -123,4 +133,16 @@ def tree_from(cells: Simplices, roots: np.ndarray) -> Tree:
     own = order[above[order] >= 0]
     wanted = np.minimum(own, above[own]) * count + np.maximum(own, above[own])
     facet[own] = inside[sorting[np.searchsorted(keys[sorting], wanted)]]
-    return Tree(order, facet, above, len(order) == count)
+    return Tree(order, facet, above)
+
+
+def _ends(cells: Simplices, roots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The cells in which ways end, and the outer facets there, -1 for none."""
+    ends, places = np.unique(cells.owners[roots, 0], return_index=True)
+    doors = roots[places]
+    parts = connected_parts(cells)
+    for part in np.setdiff1d(parts, parts[ends]):
+        largest = np.where(parts == part, cells.volume, 0.0).argmax()
+        ends = np.append(ends, largest)
+        doors = np.append(doors, -1)
+    return ends, doors

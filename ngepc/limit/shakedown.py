@@ -72,6 +72,7 @@ COLLAPSES = (
     "The guaranteed bounds of the limit load of one vertex are below this estimate and take its"
     " place: the mesh of the problem is too coarse for the elastic stresses."
 )
+SAFE = "No factor is too large: the loads that vary cause no stresses that make the material yield."
 ALTERNATES = "Above the upper bound plastic strains alternate at a point."
 GROWS = (
     "Above the upper bound plastic strains grow in each cycle, or the body collapses."
@@ -125,9 +126,11 @@ class ShakedownLoad(Bracketed):
     def message(self) -> str:
         """How the search ended, whether the bounds are guaranteed, and what happens above them."""
         worth = GUARANTEED if self.exact else ESTIMATED
+        if self.status is LimitStatus.UNLIMITED:
+            return f"{SAFE} {worth}"
         if self.collapses:
             return f"{self.status.value} {worth} {COLLAPSES}"
-        if not math.isfinite(self.upper):
+        if not math.isfinite(self.relative_width):
             return f"{self.status.value} {worth}"
         beyond = ALTERNATES if self.alternates else GROWS
         return f"{self.status.value} {worth} {beyond}"
@@ -303,6 +306,10 @@ def checked_vertices(
             if not is_number(factor):
                 raise TypeError(
                     f"vertices[{number}][{name!r}]={in_words(factor)}: a number is needed"
+                )
+            if not math.isfinite(factor):
+                raise ValueError(
+                    f"vertices[{number}][{name!r}]={factor}: a finite number is needed"
                 )
     if not any(factor != 0 for corner in vertices for factor in corner.values()):
         raise ValueError(

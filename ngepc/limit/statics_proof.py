@@ -26,7 +26,7 @@ import numpy as np
 from ngepc.bounds.simplices import FACETS
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.enclosed import LARGER, Enclosed, cross
-from ngepc.limit.outline import Outline, Tree, tree_from
+from ngepc.limit.outline import Outline, Tree, connected_parts, tree_from
 
 OF_TRACTIONS = {2: 11.0, 3: 66.0}
 """Largest stress on the unit simplex over the largest force on a facet or on the simplex.
@@ -81,6 +81,9 @@ class StressDefects:
         held = data.held >= cells.N
         self.roots = np.flatnonzero(held & cells.outer)
         self.tree = tree_from(cells, self.roots)
+        self.parts = connected_parts(cells)
+        self.loose = np.setdiff1d(self.parts, self.parts[cells.owners[self.roots, 0]])
+        """Connected parts without a facet that is held in all directions."""
         self.centres = cells.points[cells.nodes].mean(axis=1)
         self.middles = cells.points[cells.facets].mean(axis=1)
 
@@ -175,15 +178,13 @@ class StressDefects:
         cells = self.data.cells
         tree = self.tree
         pushed = 0.0
-        if not tree.is_whole:
-            return np.full(len(cells.facets), np.inf), 0.0
         extra = np.zeros(len(cells.facets))
-        if not len(self.roots):
-            extra = self._supported(force, moment, pressed)
-            owner = cells.owners[:, 0]
-            np.add.at(force, owner, extra)
-            arm = np.linalg.norm(self.middles - self.centres[owner], axis=1)
-            np.add.at(moment, owner, extra * arm * LARGER)
+        for part in self.loose:
+            extra += self._supported(part, force, moment, pressed)
+        owner = cells.owners[:, 0]
+        np.add.at(force, owner, extra)
+        arm = np.linalg.norm(self.middles - self.centres[owner], axis=1)
+        np.add.at(moment, owner, extra * arm * LARGER)
         through = _ways(tree, self.centres, self.middles, force, moment)
         vertices = cells.points[cells.facets] - self.middles[:, None]
         reach = np.linalg.norm(vertices, axis=2).max(axis=1)
@@ -195,25 +196,29 @@ class StressDefects:
         return (q + extra) * LARGER, pushed
 
     def _supported(
-        self, force: np.ndarray, moment: np.ndarray, pressed: np.ndarray
+        self, part: int, force: np.ndarray, moment: np.ndarray, pressed: np.ndarray
     ) -> np.ndarray:
-        """Bounds of forces at facets with single held components that balance all residuals."""
+        """Bounds of forces at facets with single held components that balance the residuals.
+
+        Those of a connected ``part``.
+        """
         data = self.data
         cells = data.cells
         N = cells.N
         held = np.arange(N) < data.held[:, None]
         held[pressed, 0] = True
-        held[~cells.outer] = False
+        own = self.parts == part
+        held[~cells.outer | ~own[cells.owners[:, 0]]] = False
         facet, row = np.nonzero(held)
         directions = data.frame[facet, row]
-        origin = cells.points.mean(axis=0)
+        origin = cells.points[np.unique(cells.nodes[own])].mean(axis=0)
         arms = self.middles[facet] - origin
         torques = cross(Enclosed(arms), Enclosed(directions)).middle
         wrenches = np.concatenate([directions, torques], axis=1)
         values = np.linalg.eigvalsh(wrenches.T @ wrenches)
         firm = values[values > HELD * values.max(initial=0.0)]
-        away = np.linalg.norm(self.centres - origin, axis=1)
-        total = np.hypot(force.sum(), (moment + away * force).sum())
+        away = np.linalg.norm(self.centres[own] - origin, axis=1)
+        total = np.hypot(force[own].sum(), (moment[own] + away * force[own]).sum())
         each = np.zeros(len(cells.facets))
         if len(firm):
             each[facet] = total / np.sqrt(firm.min()) * (1 + 1e-3)

@@ -10,10 +10,12 @@ from functools import partial
 
 import pytest
 
-from ngepc import Refinement, solve_to
+from ngepc import Material, Problem, Refinement, solve_to
 from ngepc.__main__ import main, parsed
 from ngepc.cli.commands import COMMANDS, EXAMPLES
+from ngepc.geometries import block
 from ngepc.results.records import FIELDS
+from ngepc.studies.limit_problems import LIMITS
 
 
 def record_of(capsys, *arguments):
@@ -91,6 +93,37 @@ def test_limit_loads_by_the_command_line(tmp_path, capsys):
     assert "elements: " in err
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"cut_bracket.png", "cut_mechanism.png"}
+
+
+def test_limit_loads_that_are_zero_or_infinite_by_the_command_line(
+    tmp_path, capsys, monkeypatch
+):
+    """The status names them; there is a picture of a mechanism only where there is one."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    metal = Material.kinematic(
+        lame_lambda=1.0, lame_mu=1.0, yield_stress=1.0, hardening=1.0
+    )
+    given = {"contact": "clamped", "gap": 0.0}
+    walls = {"left": (0, None), "right": (0, None)}
+
+    def body(pull, supports):
+        loads = {"contact": (0.0, pull)}
+        return Problem(mesh, metal, None, traction=loads, prescribed=supports, **given)
+
+    lifted = body(1.0, {"left": (0, None)})
+    pressed = body(-1.0, walls)
+    monkeypatch.setitem(LIMITS, "cut", lambda: lifted)
+    monkeypatch.setitem(LIMITS, "strip", lambda: pressed)
+    folder = str(tmp_path)
+    assert main(["limit", "cut", "--figures", folder]) == 0
+    assert "the limit load is zero" in capsys.readouterr().out
+    assert main(["limit", "strip", "--figures", folder]) == 1
+    assert "No factor makes the body collapse" in capsys.readouterr().out
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"cut_bracket.png", "cut_mechanism.png", "strip_bracket.png"}
+    assert main(["limit", "strip", "--json", "-", "--quiet"]) == 1
+    record = json.loads(capsys.readouterr().out)
+    assert record["status"] == "unlimited"
 
 
 def test_summary_names_mesh_unknowns_method_gamma_and_time(capsys):

@@ -81,7 +81,7 @@ def square(**given):
     steel = Material.kinematic(
         lame_lambda=1e3, lame_mu=1e3, yield_stress=math.sqrt(2 / 3) * 10, hardening=1.0
     )
-    supports = {"clamped": (None, 0), "left": (0, None)}
+    supports = {"clamped": (None, 0), "left": (0, None)} | given.pop("prescribed", {})
     return Problem(mesh, steel, None, prescribed=supports, **given)
 
 
@@ -288,18 +288,117 @@ def test_a_load_that_only_obstacles_carry_has_no_limit():
     assert found.lower == math.inf
 
 
-def test_loads_that_stay_and_are_too_large():
-    found = limit_load(
-        square(traction={"contact": (0, 1.0), "right": (30.0, 0), "left": (0, 5)}),
-        growing=["contact"],
-        max_cells=200,
+def test_large_constant_loads_that_the_body_carries():
+    """On the first mesh there is no stress that balances them."""
+    loads = {"contact": (0, 1.0), "right": (30.0, 0), "left": (0, 5)}
+    found = limit_load(square(traction=loads), 0.05, ["contact"], max_cells=200)
+    assert found.records[0].lower == -math.inf
+    assert found.status is LimitStatus.REACHED
+    assert found.lower > 30
+
+
+@pytest.mark.parametrize("force", [(0, 200.0), (200.0, 0)])
+def test_constant_loads_that_are_too_large_are_named_on_the_first_mesh(force):
+    """A shear of 1.2 times the strength at the support: no growing load can help."""
+    heavy = square(traction={"contact": (1.0, 0)}, body_force=force)
+    found = limit_load(heavy, growing=["contact"])
+    assert found.status is LimitStatus.OVERLOADED
+    assert not found.status.is_success
+    assert len(found.records) == 1
+    assert found.lower == -math.inf
+    for nothing in (found.stress, found.indicators):
+        assert nothing is None
+
+
+def test_constant_loads_for_which_no_stress_is_found():
+    """A body that its weight nearly crushes, on too coarse a mesh."""
+    heavy = Problem(
+        block.structured_mesh(2, 2, simplices=True),
+        CLAY,
+        "clamped",
+        traction={"contact": (1.0, 0)},
+        body_force=(1.7, 0),
     )
-    assert found.lower > -math.inf
-    heavy = square(traction={"contact": (1.0, 0)}, body_force=(0, 200.0))
-    assert (
-        limit_load(heavy, growing=["contact"], max_cells=200).status
-        is LimitStatus.TOO_WEAK
-    )
+    found = limit_load(heavy, growing=["contact"], max_cells=8)
+    assert found.status is LimitStatus.TOO_WEAK
+    assert math.isfinite(found.upper)
+
+
+def on_obstacle(size=1.0, held=None, **given):
+    """A square on a smooth obstacle, beside a plane of symmetry."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    supports = {"left": (0, None)} | (held or {})
+    given = {"contact": "clamped", "gap": 0, "friction": 0.0} | given
+    if held is None:
+        given["traction"] = {"contact": (0, size)}
+    return Problem(mesh, CLAY, None, prescribed=supports, **given)
+
+
+def test_a_load_that_lifts_a_body_off_has_the_limit_zero():
+    """Both bounds are zero, exactly, without a finer mesh; downwards it is 2, the strength."""
+    found = limit_load(on_obstacle())
+    assert found.status is LimitStatus.FREE
+    assert found.status.is_success
+    assert (found.lower, found.upper, found.relative_width) == (0.0, 0.0, 0.0)
+    assert "rigid motion" in found.message
+    assert len(found.records) == 1
+    speed = found.mechanism(found.mesh(0.5, 1.0))
+    assert speed == pytest.approx((0.0, 1.0), abs=1e-6)
+    pressed = limit_load(on_obstacle(-1.0))
+    assert pressed.lower <= 2 <= pressed.upper
+
+
+def test_weight_holds_a_body_on_an_obstacle():
+    """It lifts off when the traction is the weight; a weight upwards does so alone."""
+    for weight in (0.5, -0.5):
+        body = on_obstacle(body_force=(0, -weight))
+        found = limit_load(body, growing=["contact"])
+        assert found.lower == pytest.approx(weight, rel=1e-4)
+        assert found.upper == pytest.approx(weight, rel=1e-4)
+
+
+def test_a_support_that_moves_a_body_freely_needs_no_force():
+    up = limit_load(on_obstacle(held={"contact": (0, 1)}), growing=["contact"])
+    assert up.status is LimitStatus.FREE
+    assert up.upper == 0
+    down = limit_load(on_obstacle(held={"contact": (0, -1)}), 0.05)
+    assert down.status is LimitStatus.REACHED
+    assert down.lower > 1.9
+
+
+def test_parts_move_on_their_own():
+    """Of two bodies in one mesh a load lifts one; friction would prevent that it slides, too."""
+    parts = []
+    for name, left in (("one", 0), ("two", 2)):
+        part = MoveTo(left, 0).Rectangle(1, 1).Face()
+        part.edges.name = "free"
+        part.edges.Min(Y).name = "ground"
+        part.edges.Min(X).name = "axis"
+        part.edges.Max(Y).name = name
+        part.edges.Max(X).name = f"{name} right"
+        parts.append(part)
+    mesh = Mesh(OCCGeometry(Glue(parts), dim=2).GenerateMesh(maxh=0.5))
+    given = {"contact": "ground", "gap": 0.0, "prescribed": {"axis": (0, None)}}
+
+    def pulled(x, y, friction=0.0):
+        loads = {"one": (0, -1), "two": (x, y)}
+        body = Problem(mesh, CLAY, None, traction=loads, friction=friction, **given)
+        return limit_load(body, 0.1)
+
+    assert pulled(0, 1).status is LimitStatus.FREE
+    assert pulled(0, -1).lower > 1.8
+    assert pulled(0, -1, friction=0.1).lower > 1.8
+
+
+def test_loads_of_zero_are_refused():
+    """Their factor would be infinite; of a support that does not move there is none, too."""
+    for given in (
+        {"traction": {"contact": (0.0, 0.0)}},
+        {"body_force": (0.0, 0.0)},
+        {"prescribed": {"clamped": (0, 0), "left": (CF(0.0), None)}},
+    ):
+        with pytest.raises(ValueError, match="these loads are zero"):
+            limit_load(square(**given))
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -175,9 +175,31 @@ def test_ranges_are_boxes():
     assert shakedown_load(problem, listed, 0.1).lower == ranges.lower
 
 
+def test_a_plate_that_expands_freely_shakes_down():
+    """No stress but rounding: no factor of the temperature is too large."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    given = {"prescribed": {"clamped": (None, 0), "left": (0, None)}}
+    given |= {"kinematics": "plane stress", "initial_strain": 1e-3}
+    found = shakedown_load(
+        Problem(mesh, steel(0.3), None, **given), [{"initial_strain": 1}]
+    )
+    assert found.status is LimitStatus.UNLIMITED
+    assert found.lower == math.inf
+    assert "no stresses" in found.message
+    assert found.exact
+
+
+def test_constant_loads_that_are_too_large():
+    problem = heated("plane stress", traction={"contact": (0, 3.0)})
+    found = shakedown_load(problem, {"initial_strain": (0, 1)})
+    assert found.status is LimitStatus.OVERLOADED
+    assert "constant loads" in found.message
+
+
 REFUSED = {
     "'top'": (ValueError, [{"top": 1}]),
     "a number is needed": (TypeError, [{"initial_strain": "1"}]),
+    "a finite number is needed": (ValueError, [{"initial_strain": math.nan}]),
     "smallest and the largest": (TypeError, {"initial_strain": 1}),
     "a load with a factor": (ValueError, [{}]),
     "a mapping of names": (TypeError, ["initial_strain"]),
