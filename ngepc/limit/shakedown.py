@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 from ngsolve import CF, CoefficientFunction, GridFunction
 
-from ngepc.checks.arguments import is_number
+from ngepc.checks.arguments import require_number
 from ngepc.checks.sentences import in_words, outward
 from ngepc.limit.bisection import singular_points
 from ngepc.limit.bracket import MeshBracket, carried_stress
@@ -275,16 +275,7 @@ def checked_vertices(
 ) -> tuple[Mapping[str, float], ...]:
     """The factors of each vertex; TypeError or ValueError where they are not legal."""
     if isinstance(vertices, Mapping):
-        for name, ends in vertices.items():
-            if not isinstance(ends, tuple | list) or len(ends) != 2:
-                raise TypeError(
-                    f"vertices[{name!r}]={in_words(ends)}: the smallest and the "
-                    "largest factor are needed"
-                )
-        vertices = [
-            dict(zip(vertices, corner, strict=True))
-            for corner in product(*vertices.values())
-        ]
+        vertices = vertices_of_box(vertices)
     if isinstance(vertices, str | bytes) or not isinstance(vertices, Sequence):
         raise TypeError(
             f"vertices={in_words(vertices)}: ranges of loads, or a sequence of "
@@ -292,25 +283,7 @@ def checked_vertices(
         )
     legal = names_of_loads(problem)
     for number, corner in enumerate(vertices):
-        if not isinstance(corner, Mapping):
-            raise TypeError(
-                f"vertices[{number}]={in_words(corner)}: a mapping of names of loads "
-                "to factors is needed"
-            )
-        for name, factor in corner.items():
-            if name not in legal:
-                raise ValueError(
-                    f"vertices[{number}]: there is no load {name!r}; one of"
-                    f" {', '.join(map(repr, legal))} is needed"
-                )
-            if not is_number(factor):
-                raise TypeError(
-                    f"vertices[{number}][{name!r}]={in_words(factor)}: a number is needed"
-                )
-            if not math.isfinite(factor):
-                raise ValueError(
-                    f"vertices[{number}][{name!r}]={factor}: a finite number is needed"
-                )
+        check_corner(f"vertices[{number}]", corner, legal)
     if not any(factor != 0 for corner in vertices for factor in corner.values()):
         raise ValueError(
             f"vertices={in_words(vertices)}: a load with a factor is needed"
@@ -320,6 +293,35 @@ def checked_vertices(
         if corner not in distinct:
             distinct.append(dict(corner))
     return tuple(distinct)
+
+
+def vertices_of_box(ranges: Ranges) -> list[dict[str, float]]:
+    """The corners of the box of all factors within these ranges."""
+    for name, ends in ranges.items():
+        if not isinstance(ends, tuple | list) or len(ends) != 2:
+            raise TypeError(
+                f"vertices[{name!r}]={in_words(ends)}: the smallest and the "
+                "largest factor are needed"
+            )
+    return [
+        dict(zip(ranges, corner, strict=True)) for corner in product(*ranges.values())
+    ]
+
+
+def check_corner(argument: str, corner: object, legal: Sequence[str]) -> None:
+    """Check the factors of one vertex, the value of ``argument``."""
+    if not isinstance(corner, Mapping):
+        raise TypeError(
+            f"{argument}={in_words(corner)}: a mapping of names of loads "
+            "to factors is needed"
+        )
+    for name, factor in corner.items():
+        if name not in legal:
+            raise ValueError(
+                f"{argument}: there is no load {name!r}; one of"
+                f" {', '.join(map(repr, legal))} is needed"
+            )
+        require_number(f"{argument}[{name!r}]", factor)
 
 
 def names_of_loads(problem: Problem) -> tuple[str, ...]:

@@ -198,7 +198,7 @@ def test_constant_loads_that_are_too_large():
 
 REFUSED = {
     "'top'": (ValueError, [{"top": 1}]),
-    "a number is needed": (TypeError, [{"initial_strain": "1"}]),
+    "a real number is needed": (TypeError, [{"initial_strain": "1"}]),
     "a finite number is needed": (ValueError, [{"initial_strain": math.nan}]),
     "smallest and the largest": (TypeError, {"initial_strain": 1}),
     "a load with a factor": (ValueError, [{}]),
