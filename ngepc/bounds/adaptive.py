@@ -33,9 +33,9 @@ from ngepc.results.outcome import IterationRecord, Status
 
 log = logging.getLogger(__name__)
 
-ALGEBRAIC_SHARE = (
-    0.1  # Newton iteration ends where its error is this share of the bound
-)
+ALGEBRAIC_SHARE = 0.1
+"""Newton iteration ends where its error is this share of the bound."""
+
 # Newton pauses at a step that lowers the energy by less than this fraction of the last bound
 SMALL_STEP = 0.1
 FEWER = 0.45  # approximate ratio of the nodes of a mesh and of the next one

@@ -23,9 +23,8 @@ from ngepc.bounds.simplices import sliced
 
 # entries of a symmetric matrix that are kept
 FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
-LEVEL = (
-    1e-9  # smaller components of a unit normal and smaller eigenvalues count as zero
-)
+LEVEL = 1e-9
+"""Smaller components of a unit normal and smaller eigenvalues count as zero."""
 
 
 class Rule:
@@ -113,9 +112,8 @@ class AirySpace:
         across = single & level[row, component]
         along = single & level[row, 1 - component]
         closed = both | (single & ~across & ~along)
-        self._affine = (
-            closed | along
-        )  # the function along these edges, and derivatives there:
+        # edges along which the function is affine:
+        self._affine = closed | along
         self._constant = [
             closed | ((component == k) & (across | along)) for k in (0, 1)
         ]
@@ -123,9 +121,8 @@ class AirySpace:
         vertex[c.facets[self._affine].ravel(), 0] = True
         for k, edges in enumerate(self._constant):  # of dPhi/dx_(1 - k)
             vertex[c.facets[edges].ravel(), 2 - k] = True
-        vertex[vertex.sum(axis=1).argmax()] |= ~vertex.any(
-            axis=0
-        )  # what no stress sees
+        # what no stress sees
+        vertex[vertex.sum(axis=1).argmax()] |= ~vertex.any(axis=0)
         return vertex.ravel(), ~(closed | across), ~self._affine
 
     def modes(self) -> np.ndarray:
@@ -206,9 +203,8 @@ class AirySpace:
         for cells in portions(nt):
             part = self.of(cells)
             M = part.piola * (np.sqrt(part.area) / part.det)[:, None, None]
-            products = (
-                M[:, FIRST, :, None] * M[:, SECOND, None]
-            )  # six entries of M H M'
+            # six entries of M H M'
+            products = M[:, FIRST, :, None] * M[:, SECOND, None]
             six = np.matmul(
                 H[cells].reshape(len(M), -1, 9),
                 products.reshape(-1, 6, 9).swapaxes(1, 2),

@@ -187,17 +187,22 @@ def error_bound(result: object) -> ErrorBound:
         If rounding leaves the stress out of equilibrium, or supports keep the displacement from
         clearing the obstacle.
     """
-    problem = getattr(result, "problem", None)
-    if not isinstance(problem, Problem):
-        raise TypeError(
-            f"result={in_words(result)}: a result with a displacement is needed"
-        )
+    problem = solved_problem(result)
     exact = isinstance(result, ExactResult)
     bound_data = bound_data_of(result.discrete if exact else DiscreteProblem(problem))
     state = result.state if exact else state_of(bound_data.discrete, result)
     return bound_of_state(
         bound_data, state, Factors(bound_data.discrete, "sparsecholesky")
     )
+
+
+def solved_problem(result: object) -> Problem:
+    """The problem of a result; TypeError for anything else."""
+    problem = getattr(result, "problem", None)
+    if not isinstance(problem, Problem):
+        needed = "a result with a displacement is needed"
+        raise TypeError(f"result={in_words(result)}: {needed}")
+    return problem
 
 
 def state_of(discrete: DiscreteProblem, result: object) -> State:
@@ -245,9 +250,8 @@ def bound_and_search(
     gaps += np.bincount(contact.owner, contact.gaps(state, P), minlength=len(gaps))
     law = bound_data.conjugate
     whole = gaps
-    if (
-        bound_data.carried.left.any()
-    ):  # (gaps^(1/2) + rho / (2 m)^(1/2))^2, J is m-convex in eps(u)
+    # (gaps^(1/2) + rho / (2 m)^(1/2))^2, J is m-convex in eps(u)
+    if bound_data.carried.left.any():
         softest = law.two_mu * law.hardening / (law.two_mu + law.hardening)
         m = np.minimum(softest, bound_data.problem.kinematics.size * law.bulk)
         left = bound_data.carried.left

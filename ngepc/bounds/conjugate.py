@@ -225,9 +225,8 @@ class Conjugate:
         smooth += square_integrals(total, part) / self.two_mu[:, None]
         result = rest + smooth.sum(axis=1) / 2
         if self.offset.any():
-            zeta = d[..., 1].mean(
-                axis=2
-            )  # mean of a polynomial = mean of its coefficients
+            # mean of a polynomial = mean of its coefficients
+            zeta = d[..., 1].mean(axis=2)
             result = result - self.offset * (part * zeta).sum(axis=1)
         outside = np.einsum("tkid,tkid->tki", s, s) > self.beta[:, None, None] ** 2
         cell, place = np.nonzero(outside.any(axis=2))

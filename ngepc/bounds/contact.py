@@ -14,9 +14,9 @@ from ngepc.local.system import DiscreteProblem, State
 
 LEVEL = 1e-9  # a normal whose free part has a smaller square counts as held
 CLEAR = 1e-12  # tolerance of penetration, relative to the largest displacement
-NORMAL_PASSES = (
-    50  # most passes over the facets that meet at a vertex until all of them are clear
-)
+NORMAL_PASSES = 50
+"""Most passes over the facets that meet at a vertex until all of them are clear."""
+
 MIDDLE = BUBBLE / 4  # its value at the middle
 WEAK = 0.1  # weight of the mean pressure beside the nodal forces where a pressure is fitted
 EDGES = {
@@ -84,9 +84,8 @@ class ContactFacets:
         self._gathered = gathered(rows, of_vertices)
         corner, row = of_vertices[corners].nonzero()
         cosine = np.einsum("ic,ic->i", rows.normals[row], self.normal[corner // self.N])
-        nearest = np.argsort(-cosine, kind="stable")[
-            ::-1
-        ]  # comes last, so that it overwrites the others
+        # comes last, so that it overwrites the others
+        nearest = np.argsort(-cosine, kind="stable")[::-1]
         self.row_of = np.full(len(corners), -1)
         self.row_of[corner[nearest]] = row[nearest]
         self.row_of = self.row_of.reshape(-1, self.N)

@@ -56,9 +56,8 @@ class Element:
         self.corners = np.vstack([np.zeros(N), unit, np.full(N, 1 / (N + 1))])
         self.parts = [(*facet, N + 1) for facet in FACETS[N]]
         places = np.insert(self.corners[np.array(self.parts)], 0, 1.0, axis=2)
-        self._slopes = np.linalg.inv(places)[
-            :, 1:
-        ]  # of the hat functions of each part, as columns
+        # of the hat functions of each part, as columns
+        self._slopes = np.linalg.inv(places)[:, 1:]
         equations = np.vstack([self._jumps(), self._divergences()])
         _, size, vectors = np.linalg.svd(equations)
         rank = int((size > 1e-10 * size[0]).sum())

@@ -20,9 +20,9 @@ from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.simplices import FACETS
 
 BALANCED = 1e-8  # tolerance of equilibrium relative to the largest corner force
-ROUNDING = (
-    1e-13  # residual, relative to the largest moment, above which another pass is made
-)
+ROUNDING = 1e-13
+"""Residual, relative to the largest moment, above which another pass is made."""
+
 PASSES = 2
 
 

@@ -54,9 +54,8 @@ def rotations(N: int) -> np.ndarray:
 def rotating_loads(N: int) -> np.ndarray:
     """The loads of rotations on the parts of the reference cell, (N (N - 1)/2, parts, N)."""
     corners = np.vstack([np.zeros(N), np.eye(N)])
-    middles = -(corners - corners.mean(axis=0)) / (
-        N + 1
-    )  # of the parts, from the centre
+    # of the parts, from the centre
+    middles = -(corners - corners.mean(axis=0)) / (N + 1)
     return np.einsum("aij,kj->aki", rotations(N), middles)
 
 

@@ -114,9 +114,9 @@ NARROW = 0.3  # Taylor polynomials of |s| need |s|^2 above this fraction of its 
 # parts are split where |s|^2 varies by more than this share, so many times at most
 VARIES = 0.1
 FROM_BELOW = {3: 3, 4: 2}
-AT_NODES = quadratics(
-    MIDDLES
-)  # values at vertices and edge midpoints from coefficients
+AT_NODES = quadratics(MIDDLES)
+"""Values at vertices and edge midpoints from coefficients."""
+
 WORTH = {3: 0.004, 4: 0.02, 6: 0.007}
 """Parts are split until the possible gain of the plastic term is this fraction of the bound.
 

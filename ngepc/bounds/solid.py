@@ -51,9 +51,9 @@ from ngepc.results.iteration import newton_iteration
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
 LOOSER = 15  # factor of ``gain`` for the conjugate gradients that search the pressure
 
-TOLERANCE = (
-    1e-8  # residual of the solution of order one that belongs to one of order two
-)
+TOLERANCE = 1e-8
+"""Residual of the solution of order one that belongs to one of order two."""
+
 MOST_STEPS = 100
 CHUNK = 512  # tetrahedra whose matrices are made at once: they stay in the processor's cache
 # conjugate gradients in single precision; the stress is made admissible in double
@@ -67,9 +67,8 @@ GRAM = (
     / 16
 )
 OWN = ELEMENT.moments[:, :FREE].copy()
-OWN_SINGLE = OWN.astype(
-    SINGLE
-)  # moments of the stresses without divergence, shape (36, 30)
+OWN_SINGLE = OWN.astype(SINGLE)
+"""Moments of the stresses without divergence, shape (36, 30)."""
 
 
 class Faces:

@@ -97,32 +97,6 @@ class Stresses:
         return Stresses(-self.mean, -self.deviator)
 
 
-def suprema(
-    at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
-) -> np.ndarray:
-    """Upper bound of the supremum at each point, (n,).
-
-    Parameters
-    ----------
-    at
-        Law and state at the points.
-    tau, sigma
-        The goal's stress and that of the error bound.
-    strain
-        eps(z): its trace, and the coordinates of its deviator.
-    factor
-        lambda > 0.
-    """
-    two_mu = at.two_mu[:, None]
-    q = tau.deviator + factor * (sigma.deviator - at.back)
-    w = factor / two_mu * at.trial - strain.deviator
-    law = ScaledLaw.of(at.two_mu, at.hardening, at.beta, factor)
-    found, _ = law.potential((q / two_mu)[:, None], w[:, None])
-    found = found[:, 0] - dots(q, at.trial) / at.two_mu
-    found = found + dots(at.stress - at.back, strain.deviator)
-    return found + mean_part(at, tau, sigma, strain, factor)
-
-
 def mean_part(
     at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
 ) -> np.ndarray:

@@ -10,10 +10,10 @@ from typing import Any
 from ngsolve import ET, CoefficientFunction, IfPos, Mesh
 
 from ngepc.bounds.adaptive import BoundedResult, MeshRecord, Refinement, solve_to
-from ngepc.bounds.bound import error_bound
+from ngepc.bounds.bound import error_bound, solved_problem
 from ngepc.bounds.goal_bound import GoalBound
 from ngepc.checks.arguments import require_number
-from ngepc.checks.sentences import at_most_percent, in_percent, in_words
+from ngepc.checks.sentences import at_most_percent, in_percent
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
@@ -148,11 +148,7 @@ def confidence(result: object) -> str:
     """
     if hasattr(type(result), "distance_bound"):
         return _of_history(result)
-    problem = getattr(result, "problem", None)
-    if not isinstance(problem, Problem):
-        raise TypeError(
-            f"result={in_words(result)}: a result with a displacement is needed"
-        )
+    problem = solved_problem(result)
     try:
         bound = error_bound(result)
     except (ValueError, RuntimeError) as error:

@@ -40,13 +40,13 @@ EPSILON = float(np.finfo(float).eps)
 
 TOUCHING = 1e-12  # a gap is open beyond this fraction of the largest displacement
 
-ROUNDING_SCALE = (
-    4e-6  # part of |K| |u| that residuals are relative to, in a body without forces
-)
+ROUNDING_SCALE = 4e-6
+"""Part of |K| |u| that residuals are relative to, in a body without forces."""
 
 SOFT = {False: 1e-4, True: 1e-3}
-"""Stiffness of all springs of a floating part, about, relative to that of the part, by friction:
-with friction 1e-4 saves a Newton step of four, but 2 of 120 random problems failed."""
+"""Approximate stiffness of all springs of a floating part relative to that of the part, without
+and with friction.  With friction 1e-4 saves one Newton step of four, but 2 of 120 random problems
+failed."""
 
 SMALL = 1e-6  # smaller parts of the loads or of a motion count as zero
 
@@ -68,9 +68,8 @@ class DiscreteBody:
         self.contact = contact_of(problem, self.supports, like)
         self.rows = self.contact.rows
         self.free = self.supports.free
-        self.load = applied_forces(
-            problem, self.supports.space
-        )  # nodal forces, (nodes, N)
+        # nodal forces, shape (nodes, N)
+        self.load = applied_forces(problem, self.supports.space)
 
     def __getstate__(self) -> dict:
         """Everything except matrices of NGSolve, which are assembled again."""
@@ -161,9 +160,8 @@ class Iterate:
 
     body: DiscreteBody
     u: np.ndarray  # nodal displacements, shape (nodes, N)
-    contact: (
-        np.ndarray
-    )  # forces of the rows: normal ones >= 0, with friction then tangential ones
+    contact: np.ndarray
+    """Forces of the rows: normal ones >= 0, with friction then tangential ones."""
     internal_forces: np.ndarray  # nodal forces of the stress, shape (nodes, N)
     energy: float  # J with the p that is best for u, and friction (force times length)
     moduli: Any  # data for which ``DiscreteBody.stiffness`` assembles the tangent

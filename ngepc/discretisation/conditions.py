@@ -48,9 +48,8 @@ class ContactConditions:
     roller_part: slice  # the rows of rollers
     rollers: dict[Place, slice]  # place of each roller -> its rows
     friction: FrictionCone  # the law of the forces, without tangents where there is no friction
-    processes: (
-        Team  # share the body; rows at common vertices are on all that have the vertex
-    )
+    processes: Team
+    """The processes that share the body; each has the rows at its vertices."""
     own: slice | np.ndarray  # selects the forces of rows that belong to this process
     matrix: csr_matrix  # R, shape (n, nodes N), n = m without friction and m N with it
 
@@ -233,9 +232,8 @@ def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarr
     """A coefficient at the nodes of the rows, linear between vertices, shape (m,)."""
     space = H1(problem.mesh, order=1)
     nodes, values = given_at(space, "|".join(problem.touching_names), value)
-    sums = np.zeros(
-        (space.ndof, 2)
-    )  # values and how many: not on all processes with a vertex
+    # values and how many: not on all processes with a vertex
+    sums = np.zeros((space.ndof, 2))
     sums[nodes] = np.column_stack([values, np.ones(len(nodes))])
     total, count = problem.processes.summed(sums).T
     return rows.between(total / np.maximum(count, 1))
@@ -290,12 +288,13 @@ def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows
                 )
         means = csr_matrix(eye(scalar.ndof))[nodes[new]]
         no = np.zeros(sum(new))
+        # no contact area
         given = {
             "nodes": nodes[new],
             "corners": np.zeros((len(no), 4), dtype=int),
             "gaps": values[new],
             "weights": no,
-        }  # no contact area
+        }
         result[place] = rows_along(directions[new], means, tied=True, **given)
     return result
 

@@ -11,9 +11,9 @@ from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import STARTS
 from ngepc.linalg.secants import Compliance, solve_by_secants
 
-ROUNDING = (
-    3e-14  # gaps of closed rows below this fraction of the displacements are zero
-)
+ROUNDING = 3e-14
+"""Gaps of closed rows below this fraction of the displacements are zero."""
+
 BESIDE = 1e-3  # distance from a kink at which the slope of friction is taken, as a part of the step
 
 EXAMINED = 600
@@ -77,9 +77,8 @@ def with_contact(
     )
     if found is None:
         raise FactorisationError(UNSOLVABLE[conditions.friction.d > 0])
-    springs = conditions.springs(
-        here.body.row_stiffness
-    )  # the forces of the springs belong to rollers
+    # the forces of the springs belong to rollers
+    springs = conditions.springs(here.body.row_stiffness)
     return change, found + springs * conditions.displacement(change)
 
 
@@ -197,9 +196,10 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
         v = d / size
         Sv = g / size
         known.append((v, Sv))
+        # E'Sv
         back = np.append(
             (follows * Sv[m:].reshape(follows.shape)).sum(axis=1), 0 * Sv[m:]
-        )  # E'Sv
+        )
         slanted = np.append(0 * v[:m], follows * v[:m, None])  # E v
         d = (slanted + stiffness(back)) / 2
         g = (compliance(slanted) + back) / 2

@@ -157,7 +157,7 @@ def work_of(
             measure = region_measure(problem, place, scans.get(place))
             work.append(weight * InnerProduct(g, v) * measure)
     if problem.f is not None:
-        measure = dx(bonus_intorder=BONUS_ORDER, **_elsewhere(scans.get(None)))
+        measure = dx(bonus_intorder=BONUS_ORDER, **_ordinary_elements(scans.get(None)))
         work.append(weight * InnerProduct(problem.f, v) * measure)
     return work
 
@@ -176,8 +176,8 @@ def scanned_loads(problem: Problem) -> dict[Place | None, Scan]:
     return {place: scan for place, scan in found.items() if len(scan.hidden)}
 
 
-def _elsewhere(scan: Scan | None) -> dict:
-    """Arguments of a measure without the elements that a scan has found."""
+def _ordinary_elements(scan: Scan | None) -> dict:
+    """Arguments of a measure that leave out the elements which a scan has found."""
     if scan is None:
         return {}
     count = scan.mesh.ne if scan.kind == VOL else scan.mesh.GetNE(BND)
@@ -228,7 +228,7 @@ def region_measure(
     Elements where a scan has found something are left out.
     """
     if isinstance(place, str):
-        return ds(place, bonus_intorder=BONUS_ORDER, **_elsewhere(scan))
+        return ds(place, bonus_intorder=BONUS_ORDER, **_ordinary_elements(scan))
     return dx(
         definedon=problem.mesh.BBoundaries(place.name), bonus_intorder=BONUS_ORDER
     )
@@ -293,9 +293,8 @@ class Supports:
     space: FESpace  # ``displacement_space``
     free: np.ndarray  # boolean, shape (nodes, N): components that no support holds
     values: np.ndarray  # prescribed displacements, zero elsewhere, shape (nodes, N)
-    springs: dict[
-        Place, csr_matrix
-    ]  # their forces per displacement, u flattened node by node
+    springs: dict[Place, csr_matrix]
+    """Their forces per displacement, u flattened node by node."""
     stiffness: csr_matrix  # the sum of ``springs``
 
     def __init__(self, problem: Problem, like: Supports | None = None) -> None:

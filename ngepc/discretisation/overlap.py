@@ -29,9 +29,8 @@ class Surface:
     vertices: np.ndarray  # numbers, shape (facets, N)
     corners: np.ndarray  # coordinates, shape (facets, N, N)
     normals: np.ndarray  # unit outer ones of the facets, shape (facets, N)
-    nodal: (
-        np.ndarray
-    )  # unit normals at the corners, averaged over the facets, (facets, N, N)
+    nodal: np.ndarray
+    """Unit normals at the corners, averaged over the facets, (facets, N, N)."""
     areas: np.ndarray  # or lengths, shape (facets,), as are the next ones
     radii: np.ndarray  # largest distance of a corner from the centre
 

@@ -51,18 +51,16 @@ class Elements:
     Slopes are the N derivatives, on bodies of revolution also that along the circumference, 1/r.
     """
 
-    basis: (
-        np.ndarray
-    )  # numbers of a strain by the slopes of a displacement, shape (s, N, slopes)
+    basis: np.ndarray
+    """Numbers of a strain by the slopes of a displacement, shape (s, N, slopes)."""
     size: int  # tensors are size x size
     averaged: bool  # tr eps is the mean over each element
     shapes: np.ndarray  # shape functions at the points, shape (p, k)
     nodes: np.ndarray  # numbers, shape (elements, k)
     points: np.ndarray  # numbers among all points, shape (elements, p)
     weights: np.ndarray  # of the points, shape (elements, p)
-    slopes: (
-        np.ndarray
-    )  # of the shape functions at the points, shape (elements, p, k, slopes)
+    slopes: np.ndarray
+    """Derivatives of the shape functions at the points, shape (elements, p, k, slopes)."""
 
     @property
     def parts(self) -> Iterator[Elements]:
@@ -223,9 +221,8 @@ class Points:
     quadrilaterals and hexahedra of order one (docs/locking.md).
     """
 
-    rules: dict[
-        ET, IntegrationRule
-    ]  # for ``dx(intrules=...)`` and ``mesh.MapToAllElements``
+    rules: dict[ET, IntegrationRule]
+    """Integration rules for ``dx(intrules=...)`` and ``mesh.MapToAllElements``."""
     scalar: H1  # the space of one displacement component; its degrees of freedom are the nodes
     weights: np.ndarray  # volume that belongs to each point, shape (points,)
     blocks: list[Elements]  # one for each shape
@@ -399,9 +396,8 @@ class PointFunctions:
             values = np.empty((*numbers.shape, numbers.shape[1]))
             for k, those in enumerate(numbers.T):
                 shape.vec[:] = 0.0
-                shape.vec.FV().NumPy()[those] = (
-                    1.0  # they follow each other as the points do
-                )
+                # unknowns are numbered in the order of the points
+                shape.vec.FV().NumPy()[those] = 1.0
                 values[:, :, k] = points.at(shape)[numbers]
             self._inverses.append(np.linalg.inv(values))
 

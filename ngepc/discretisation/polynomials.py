@@ -69,9 +69,8 @@ def degree_of(value: CoefficientFunction) -> float:
         leaf for leaf in leaves_of(value, FUNCTION) if isinstance(leaf, GridFunction)
     ]
     order = max((_order(function) for function in functions), default=0)
-    whole = CF(
-        (value, 1.0)
-    )  # NGSolve prints zeros, multiples and functions differently
+    # NGSolve prints zeros, multiples and functions differently
+    whole = CF((value, 1.0))
     text = str(whole)
     if not _all_known(text):
         return math.inf

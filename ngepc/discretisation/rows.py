@@ -31,9 +31,9 @@ from ngepc.discretisation.gap_records import (
 from ngepc.discretisation.loads import Supports
 from ngepc.model.problem import Problem
 
-SAME_FACE = (
-    0.7  # cosine above which facets of one boundary at a vertex belong to one face
-)
+SAME_FACE = 0.7
+"""Cosine above which facets of one boundary at a vertex belong to one face."""
+
 SAME_FACE_ACROSS = 0.985  # the same for facets of two boundaries
 
 HELD = 1e-8  # a row with a smaller free part is held by the support: no contact can happen there
@@ -44,17 +44,15 @@ class ContactRows:
     """The contact condition N u <= gaps; u flattened node by node, N components each."""
 
     normal: csr_matrix  # N, shape (m, nodes N)
-    tangential: (
-        csr_matrix  # tangential displacements of the rows, shape (m (N - 1), nodes N)
-    )
+    tangential: csr_matrix
+    """Tangential displacements of the rows, shape (m (N - 1), nodes N)."""
     gaps: np.ndarray  # distance to the obstacle (length), shape (m,)
     weights: np.ndarray  # area of each row (length for N = 2), shape (m,)
     nodes: np.ndarray  # node of each row in a scalar space, vertices first, (m,)
     corners: np.ndarray  # four vertices that the node is the mean of, repeated, (m, 4)
     normals: np.ndarray  # unit outer ones, shape (m, N)
-    tied: (
-        np.ndarray
-    )  # rows of glue and rollers: N u = gaps, forces of either sign, (m,)
+    tied: np.ndarray
+    """Rows of glue and rollers: N u = gaps, forces of either sign, (m,)."""
 
     def __len__(self) -> int:
         return len(self.gaps)

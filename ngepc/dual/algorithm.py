@@ -61,13 +61,11 @@ def algorithm_7_1(
             if status is not None:
                 break
             system.factorise(functional, here.hessian())
-            dy, dv = system.solve(
-                (-here.residual).Evaluate()
-            )  # (a) the Newton system (7.1)
+            # (a) the Newton system (7.1)
+            dy, dv = system.solve((-here.residual).Evaluate())
             line = DualLine(here, dy, dv)
-            step = (
-                search.search(line) if line.slope_0 < 0 else None
-            )  # (b) Armijo's rule
+            # (b) Armijo's rule
+            step = search.search(line) if line.slope_0 < 0 else None
             if step is None:
                 status = line.fault()
                 break

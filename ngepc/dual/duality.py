@@ -59,9 +59,8 @@ class DualityReport:
     deviatoric_stress: float  # of dev sigma,
     stress_deviation: float  # of q - (h p + dev (alpha_0 - sigma)) (3.8),
     mean_stress_deviation: float  # of its element means,
-    yield_deviation: (
-        float  # and of |q| - beta minus the yield function of (sigma, alpha) (3.9)
-    )
+    yield_deviation: float
+    """... and of |q| - beta minus the yield function of (sigma, alpha) (3.9)."""
 
     @property
     def parts(self) -> dict[str, float]:

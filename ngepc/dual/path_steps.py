@@ -25,9 +25,8 @@ class PathStep:
     gamma: float
     iterations: int
     path_value: float  # V_gamma, the energy J*_gamma (force times length)
-    change: (
-        float | None
-    )  # of V_gamma, relative to that before; None for the first gamma
+    change: float | None
+    """Relative change of V_gamma since the last gamma; None for the first gamma."""
     residual_norm: float  # ||Psi_gamma||, and its parts
     contact_residual_norm: float
     plastic_residual_norm: float

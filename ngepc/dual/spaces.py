@@ -25,12 +25,10 @@ from ngepc.checks.kinds import require_instance
 class SurfaceGradient:
     """(R2): H^1_0(Gamma_c) x H^1_0(Omega)^d with L (grad z, grad w) + (grad q, grad r)."""
 
-    fixed: ClassVar[bool] = (
-        True  # z = 0 at the ends of Gamma_c, q = 0 on the boundary of the body
-    )
-    values: ClassVar[float] = (
-        0.0  # factor of the additional (z, w) / L and (q, r) / L^2
-    )
+    fixed: ClassVar[bool] = True
+    """z = 0 at the ends of Gamma_c, q = 0 on the boundary of the body."""
+    values: ClassVar[float] = 0.0
+    """Factor of the additional (z, w) / L and (q, r) / L^2."""
 
     def contact(self, z: ProxyFunction, w: ProxyFunction, length: float) -> CF:
         """The integrand of <B_z z, w> on Gamma_c, with the reference length."""

@@ -59,9 +59,8 @@ class EvolutionFile:
         if stored is not None:
             found = self._processes.together(partial(self._checked, stored))
         reached = self._processes.all((len(found["steps"]), found["pending"]))
-        count, pending = min(
-            reached, key=itemgetter(0)
-        )  # a run may end between two files
+        # a run may end between two files
+        count, pending = min(reached, key=itemgetter(0))
         names = ("u", "p", "contact")
         rows = found["steps"][:count]
         arrays = [

@@ -25,17 +25,16 @@ from ngepc.model.material import Material
 from ngepc.results.outcome import Status
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")  # of a symmetric tensor
-_PLACES = np.array(
-    [[0, 3, 4], [3, 1, 5], [4, 5, 2]]
-)  # number of each entry of a tensor
-_UNITS = (np.arange(6)[:, None, None] == _PLACES).astype(
-    float
-)  # the tensor of each component
+_PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+"""Number of each entry of a tensor."""
+
+_UNITS = (np.arange(6)[:, None, None] == _PLACES).astype(float)
+"""The tensor of each component."""
+
 _ENTRIES = _UNITS.sum(axis=(1, 2))
 _TRACES = np.trace(_UNITS, axis1=1, axis2=2)
-_DEVIATORS = np.einsum(
-    "kij,dij->kd", _UNITS, SOLID.basis
-)  # and its deviatoric coordinates
+_DEVIATORS = np.einsum("kij,dij->kd", _UNITS, SOLID.basis)
+"""Deviatoric coordinates of the tensor of each component."""
 
 # Relative change of a strain that ends a search, and the tolerance of the stress
 PRECISE = 1e-15

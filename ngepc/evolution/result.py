@@ -31,19 +31,16 @@ class StepRecord:
     time: float  # end of the step
     cuts: int  # how often the interval was halved to get here
     iterations: int  # Newton steps
-    contact_force: (
-        float  # resultant of the normal contact pressure, positive in compression
-    )
+    contact_force: float
+    """Resultant of the normal contact pressure, positive in compression."""
     contact_resultant: list[float]  # of the obstacles on the body, with friction
     reaction: list[float]  # of all supports on the body
-    reactions: dict[
-        str, list[float]
-    ]  # str(place) of each support -> its force on the body
+    reactions: dict[str, list[float]]
+    """Name of each support, ``str(place)`` -> its force on the body."""
     applied_force: list[float]  # of the loads on the body
     primal_energy: float  # J(u, p) of the step, (2.14)
-    elastic_energy: (
-        float  # 1/2 int C (eps(u) - p) : (eps(u) - p) with the total plastic strain
-    )
+    elastic_energy: float
+    """1/2 int C (eps(u) - p) : (eps(u) - p) with the total plastic strain."""
     dissipation: float  # int beta g for the plastic strain gained in the step
     max_plastic_strain: float  # largest |p_0 + p|_F at the points
     nodes: int  # vertices of the mesh of the step
@@ -72,6 +69,7 @@ class StepRecord:
         else:
             lost = points.at(problem.beta) * np.linalg.norm(gained, axis=1)
         size = np.linalg.norm(plastic, axis=1)
+        elastic = tensors(points, fields.elastic_strain)
         vectors = ("contact_resultant", "reaction", "applied_force")
         return cls(
             **{name: getattr(result, name).tolist() for name in vectors},
@@ -79,7 +77,7 @@ class StepRecord:
             contact_force=float(result.contact_force),
             reactions={str(place): force.tolist() for place, force in forces.items()},
             primal_energy=float(result.primal_energy),
-            elastic_energy=energy_of_strains(fields, points),
+            elastic_energy=elastic_energy(points, problem.material, elastic),
             dissipation=points.integral(lost),
             max_plastic_strain=problem.processes.maximum(size),
             nodes=nodes_of(problem.mesh),
@@ -98,17 +96,6 @@ def largest_at_contact(result: Result) -> dict[str, float]:
         "max_contact_pressure": maximum(result.contact_pressure.vec.FV().NumPy()),
         "max_slip": maximum(slip),
     }
-
-
-def energy_of_strains(fields: Fields, points: Points) -> float:
-    """1/2 int C e : e of the elastic strain e = eps(u) - eps_0 - p."""
-    problem = fields.problem
-    elastic = tensors(points, fields.strain - problem.eps_0 - fields.plastic_strain)
-    volume = np.einsum("pii->p", elastic)
-    squares = np.einsum("pij,pij->p", elastic, elastic)
-    lam = points.at(problem.material.lame_lambda)
-    mu = points.at(problem.material.lame_mu)
-    return points.integral(0.5 * lam * volume**2 + mu * squares)
 
 
 def tensors(points: Points, value: CoefficientFunction) -> np.ndarray:
@@ -162,9 +149,8 @@ class EvolutionStep:
     @property
     def contact_pressure(self) -> GridFunction:
         """The contact pressure (stress), positive in compression, as in a result."""
-        if (
-            self.contact is None
-        ):  # an AttributeError, as pictures test for the attribute
+        # an AttributeError, as pictures test for the attribute
+        if self.contact is None:
             raise AttributeError("contact_pressure: this step was solved with gamma")
         return self.solution.contact_pressure
 

@@ -40,10 +40,8 @@ from ngepc.results.stored import array_of, stored_record
 
 log = logging.getLogger(__name__)
 
-UNCUT = (
-    Status.STOPPED,
-    Status.MESH_LIMIT,
-)  # statuses that a shorter step would not change
+UNCUT = (Status.STOPPED, Status.MESH_LIMIT)
+"""Statuses that a shorter step would not change."""
 
 StepSolver = Callable[..., Result]
 """Called as solver(problem, start=a displacement or None).
@@ -210,9 +208,8 @@ class _Run:
             if self.error is not None:
                 check_carried(step)
                 require_covered(step, "error=...", COVERS)
-        self.pending = [
-            (time, 0) for time in reversed(self.schedule.times)
-        ]  # (end, halvings)
+        # (end, halvings)
+        self.pending = [(time, 0) for time in reversed(self.schedule.times)]
 
     def resume(self, file: EvolutionFile) -> None:
         """Read the finished steps of a checkpoint, if there is one."""

@@ -210,9 +210,8 @@ class ContinuousVelocities:
         data = self.data
         facets = np.flatnonzero(data.contact)
         numbers = self.facet_numbers[facets]
-        values = np.broadcast_to(
-            data.frame[facets][:, None], (*numbers.shape, 2, 2)
-        )  # (facet, coefficient, row of the frame, component)
+        # (facet, coefficient, row of the frame, component)
+        values = np.broadcast_to(data.frame[facets][:, None], (*numbers.shape, 2, 2))
         rows = np.arange(2 * numbers.size).reshape(*numbers.shape, 2, 1)
         columns = 2 * numbers[..., None, None] + np.arange(2)
         matrix = sparse_rows(values, rows, columns, (rows.size, self.count))

@@ -17,7 +17,7 @@ from ngepc.limit.repair import Projection
 from ngepc.limit.statics_proof import Defect, StressDefects
 from ngepc.limit.yielding import SLIP as SLIP
 from ngepc.limit.yielding import YieldShape
-from ngepc.linalg.conic import ConeProgram, ConeSolution, cone_solution
+from ngepc.linalg.conic import ConeProgram
 
 TOUCHES = 1e-7
 """Contact pressure, relative to the largest yield bound, below which it is set to zero."""
@@ -346,8 +346,3 @@ def sparse_rows(
     result = csr_matrix(coo_matrix((values.ravel(), where), shape=shape))
     result.eliminate_zeros()
     return result
-
-
-def lower_solution(statics: Statics) -> ConeSolution:
-    """The solution of the program of the lower bound."""
-    return cone_solution(statics.program(statics.gain()))

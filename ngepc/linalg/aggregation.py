@@ -11,9 +11,8 @@ from scipy.sparse import csr_matrix
 
 COARSEST = 400  # number of unknowns that a direct solver takes
 DAMPING = 1.4  # of the Jacobi step that smooths, divided by the largest eigenvalue
-DEPENDENT = (
-    1e-10  # modes of an aggregate count as dependent below this squared relative size
-)
+DEPENDENT = 1e-10
+"""Modes of an aggregate count as dependent below this squared relative size."""
 
 
 def incidence(number: np.ndarray) -> csr_matrix:

@@ -36,7 +36,8 @@ TINY = float(np.finfo(float).tiny)  # in place of zero in a denominator
 
 EXACT = 1e-13
 SETTLED = 1e-10
-"""Parts of the largest force that a step may change: for sure, and where rounding ends progress."""
+"""Newton's method ends at steps below these fractions of the largest force: at once, or if the
+residual no longer falls."""
 
 DIFFERENT = 1e-6  # fraction of the largest force by which two solutions differ
 
@@ -116,9 +117,8 @@ class FrictionCone:
 
     cap: np.ndarray  # F (force), inf where there is none, shape (m,)
     coefficient: np.ndarray  # mu >= 0, inf for Tresca's law, shape (m,)
-    tied: (
-        np.ndarray
-    )  # boolean: rows that stay closed, normal forces of either sign, shape (m,)
+    tied: np.ndarray
+    """Boolean: rows that stay closed, normal forces of either sign, shape (m,)."""
     d: int  # tangents of a row, 0 without friction
 
     @cached_property
@@ -421,13 +421,10 @@ class _Equation:
     def solved(self, change: np.ndarray) -> tuple[float, np.ndarray, bool]:
         """The smallest residual of Newton's method, the change there, and whether it converged.
 
-        Steps are shortened to lower the residual; where that fails all of one breaks cycles.
+        Steps are shortened until they lower the residual; where none does, a full step ends cycles.
         """
-        best = (
-            np.inf,
-            change,
-            False,
-        )  # without the start: a change of nothing would teach nothing
+        # the start is left out, as no product with a zero change is needed
+        best = (np.inf, change, False)
         left = self.residual(change)
         scale = np.abs(self.forces).max(initial=0.0)
         for _ in range(STEPS):
@@ -498,5 +495,5 @@ def matrix_of_rows(blocks: np.ndarray) -> csr_matrix:
 
 
 def _stuck(W: Compliance, gaps: np.ndarray) -> np.ndarray:
-    """The change of the forces that closes all rows and lets none slip."""
+    """The change of the forces after which all rows are closed and stick."""
     return -np.linalg.lstsq(W.block(np.arange(len(gaps))), gaps, rcond=None)[0]

@@ -33,9 +33,8 @@ class Descent(Protocol):
     derivative: Callable[[float], float]  # phi'
     energy_0: float  # phi(0)
     slope_0: float  # phi'(0)
-    magnitude: (
-        float  # size of the terms that phi is summed from, which its rounding follows
-    )
+    magnitude: float
+    """Size of the terms that phi is summed from, which its rounding follows."""
 
     def is_rounding(self, change: float) -> bool:
         """Whether a change of phi of this size may be nothing but rounding."""
@@ -104,11 +103,12 @@ def nearly_flat(
 ) -> tuple[float, int] | None:
     """A step length near the minimum of a convex phi, at most 1, and the trials before it.
 
-    ``slope`` is phi', ``noise`` what rounding leaves of it; None if phi does not fall beyond that.
-    Its zero is found by safeguarded secant steps.  The slope may jump, as where a soft plastic
-    element turns elastic: secants then creep towards the jump from one side.  Many trials in a row
-    below it are followed by the middle, many above by a point near the lower end, as the zero may
-    be tiny; NaN counts as above.
+    ``slope`` is phi', ``noise`` its rounding error; None if phi falls by rounding errors only.
+    The zero of the slope is found by safeguarded secant steps.  The slope may jump, for example
+    where a soft plastic element becomes elastic: secants then approach the jump from one side in
+    tiny steps.  After many trials in a row below the zero the next trial is the middle of the
+    bracket; after many above it, a point near the lower end, because the zero may be tiny.  NaN
+    counts as above.
     """
     slope_0 = at_low = slope(0.0)
     low = 0.0

@@ -13,9 +13,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-SPANNED = (
-    1e-12  # a force that does a smaller share of its work beyond those learned is known
-)
+SPANNED = 1e-12
+"""A force is known if a smaller part of its work is outside the span of known forces."""
+
 ROUNDING = 3e-14  # relative size of rounding in a product S force
 FIRST = 3e-2  # part of the slack below which the first change counts as rounding
 RESTARTS = 4  # largest number of products, relative to the number of rows
@@ -132,12 +132,10 @@ def solve_by_secants(
         forces = forces + change
         if not np.isfinite(answer).all():
             return None
-        if not compliance.learn(
-            change, answer
-        ):  # rounding of far larger answers hides this one
+        # rounding errors of far larger earlier products hide this one
+        if not compliance.learn(change, answer):
             compliance.restart()
             compliance.learn(change, answer)
-        slack = max(
-            slack, ROUNDING * float(np.abs(answer).max())
-        )  # it stays in the gaps
+        # the rounding error of the product stays in the gaps
+        slack = max(slack, ROUNDING * float(np.abs(answer).max()))
     return None

@@ -114,9 +114,8 @@ class PETScPreconditioner:
         self._processes = body.contact.processes
         self._shared = self._processes.size > 1
         self._comm = self._processes.comm if self._shared else petsc.COMM_SELF
-        petsc.garbage_cleanup(
-            self._comm
-        )  # shared objects are destroyed by all processes together
+        # shared objects are destroyed by all processes together
+        petsc.garbage_cleanup(self._comm)
         self._matrix = self._total(pattern) if self._shared else None
         self._levels = "-pc_type" not in options.split()
         self._pc: object | None = None
@@ -159,9 +158,8 @@ class PETScPreconditioner:
         places = petsc.LGMap().create(numbers, bsize=N, comm=self._comm)
         own = processes.owned(slice(None))
         near, far = (pattern.blocks @ chosen.astype(np.int32) for chosen in (own, ~own))
-        theirs = (
-            processes.summed(near + far) - near - far
-        )  # an upper bound: other processes may have the same entries
+        # an upper bound: other processes may have the same entries
+        theirs = processes.summed(near + far) - near - far
         counts = [np.repeat(N * (n + theirs)[own], N) for n in (near, far)]
         size = (N * len(processes.own), N * processes.count)
         matrix = petsc.Mat().create(self._comm)
@@ -262,9 +260,8 @@ def interpolations(
         image = matrix.matMult(plain)
         coarse = plain.transposeMatMult(image)
         smooth = jacobi_smoothed(matrix, plain, image)
-        found.append(
-            smooth.duplicate(copy=True)
-        )  # without data that PETSc keeps for repeated products
+        # without data that PETSc keeps for repeated products
+        found.append(smooth.duplicate(copy=True))
         spare += [plain, image, coarse]
         matrix = coarse
         graph = members.T @ graph @ members

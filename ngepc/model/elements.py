@@ -173,9 +173,8 @@ def plastic_rule(shape: ET, degree: int) -> IntegrationRule:
 
     Ten inner points of degree three for curved tetrahedra: P. Keast, 1986.
     """
-    if (
-        shape is ET.TRIG and degree == 1
-    ):  # inside: on an edge may be an axis of revolution
+    # inside: on an edge may be an axis of revolution
+    if shape is ET.TRIG and degree == 1:
         return IntegrationRule(
             [(1 / 6, 1 / 6), (2 / 3, 1 / 6), (1 / 6, 2 / 3)], [1 / 6] * 3
         )

@@ -176,7 +176,7 @@ def _rollers(problem: ProblemData) -> Found:
     return {f"prescribed[{p!r}]": v for p, v in given if isinstance(v, Roller)}
 
 
-def _elsewhere(problem: ProblemData) -> Found:
+def _on_edges_and_points(problem: ProblemData) -> Found:
     """Loads and supports on edges and at points."""
     return {
         f"{argument}[{place!r}]": value
@@ -234,7 +234,7 @@ FEATURES = {
         "contact away from the clamped boundary, (2.2)", _meeting
     ),
     "rollers": _feature(_BOUNDARIES, _rollers),
-    "edges and points": _feature(_BOUNDARIES, _elsewhere),
+    "edges and points": _feature(_BOUNDARIES, _on_edges_and_points),
     "springs": _feature("supports that do not give way", _springs),
 }
 """Name of each feature -> what is needed instead, and the function that finds it."""

@@ -111,9 +111,8 @@ class Kinematics:
         if self.size == self.N:
             return e
         hoop = zero = CF(0.0)
-        if self.hoop and isinstance(
-            u, GridFunction
-        ):  # evaluated on the axis too, for pictures: the radial strain
+        # evaluated on the axis too, for pictures: the radial strain
+        if self.hoop and isinstance(u, GridFunction):
             off = x * x - 1e-24
             hoop = IfPos(off, u[0] / IfPos(off, x, 1.0), e[0, 0])
         elif self.hoop:

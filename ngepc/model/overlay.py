@@ -26,9 +26,8 @@ from ngepc.checks.sentences import in_words
 from ngepc.model.hardening import Tabulated
 from ngepc.model.tensile import PEEQ
 
-EXACT = (
-    1e-9  # difference of slopes, and of the sum of shares from one, that is rounding
-)
+EXACT = 1e-9
+"""Difference of slopes, and of the sum of shares from one, that is rounding."""
 
 
 @dataclass(frozen=True, eq=False)

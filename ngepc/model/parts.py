@@ -119,9 +119,8 @@ class MeshPart(Mesh):
     """
 
     coarse: MeshPart | None = None  # the part before refinement
-    parents: np.ndarray | None = (
-        None  # vertices between which those beyond lie, shape (k, 2)
-    )
+    parents: np.ndarray | None = None
+    """Vertices between which those beyond lie, shape (k, 2)."""
 
     def __init__(
         self,

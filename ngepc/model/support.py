@@ -146,9 +146,8 @@ def held_values(problem: ProblemData) -> np.ndarray:
         scale = max(
             np.abs(values).max(initial=0.0), np.nanmax(np.abs(old), initial=0.0)
         )
-        clash = np.flatnonzero(
-            np.abs(values - old) > 1e-8 * scale
-        )  # none where old is NaN
+        # none where old is NaN
+        clash = np.flatnonzero(np.abs(values - old) > 1e-8 * scale)
         if len(clash):
             k = clash[0]
             raise ValueError(
@@ -236,9 +235,8 @@ def constraints(problem: ProblemData) -> tuple[np.ndarray, np.ndarray]:
             if values_at(k, mesh, place)[1].max(initial=0.0) > 0:
                 along.append((place, d or problem.normal))
     found = [values_at(d, mesh, place) for place, d in along]
-    if (
-        problem.kinematics.hoop
-    ):  # u_r / r is a strain, so only the translation along the axis is rigid
+    # u_r / r is a strain, so only the translation along the axis is rigid
+    if problem.kinematics.hoop:
         found.append((np.arange(mesh.nv), np.tile(axes[0], (mesh.nv, 1))))
     vertices = [np.zeros(0, dtype=int), *(vertices for vertices, _ in found)]
     return np.concatenate(vertices), np.vstack(

@@ -38,9 +38,9 @@ count as elastic: unloading then needs one Newton step.
 """
 
 MOST_STEPS = 200  # of Newton's method at a point; many with a power law of the rate
-NOTHING = (
-    1e-200  # overstress in place of zero, where powers have no derivative for NGSolve
-)
+NOTHING = 1e-200
+"""Overstress in place of zero, where powers have no derivative for NGSolve."""
+
 SOLVED = 1e-15
 """Fraction of the stress to which the equation of a law of hardening is solved."""
 

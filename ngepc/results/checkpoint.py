@@ -57,9 +57,8 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
     try:
         if not zipfile.is_zipfile(path):
             raise ValueError("it is no .npz file")
-        with np.load(
-            path, allow_pickle=False
-        ) as data:  # the archive has a checksum of each array
+        # the archive has a checksum of each array
+        with np.load(path, allow_pickle=False) as data:
             arrays = {name: data[name] for name in data.files}
         header = json.loads(str(arrays.pop("header")))
         form = header["format"]

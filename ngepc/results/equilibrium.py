@@ -39,9 +39,8 @@ class Equilibrium:
     contact: np.ndarray  # of the obstacles, with their friction
     residual_force: np.ndarray
     free: np.ndarray  # boolean, the components that no support holds
-    others: Mapping[Place, np.ndarray] = field(
-        default_factory=dict
-    )  # of each roller and spring
+    others: Mapping[Place, np.ndarray] = field(default_factory=dict)
+    """Place of each roller and spring -> its nodal forces on the body."""
 
     missing = renamed("missing", "residual_force")
     imbalance = renamed("imbalance", "free_residual")

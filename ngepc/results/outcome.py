@@ -65,9 +65,8 @@ class IterationRecord:
     residual_norm: float  # ||Psi_gamma||_{H*}, or the relative one of the exact methods
     contact_residual_norm: float = 0.0  # its part on Gamma_c (z)
     plastic_residual_norm: float = 0.0  # its part in Omega (q)
-    energy: float = float(
-        "nan"
-    )  # J*_gamma(v) of dual methods, else J (force times length)
+    energy: float = float("nan")
+    """J*_gamma(v) of dual methods, else J (force times length)."""
     step_length: float = 1.0  # alpha of the step that led here
     halvings: int = 0  # trials before it
     back_substitutions: int = 0  # solves with the matrix of that step

@@ -88,17 +88,22 @@ def _check_field(name: str, value: object) -> None:
         raise KeyError(f"{name} is no field of a record")
     whole = isinstance(value, int) and not isinstance(value, bool) and value >= 0
     if name in TEXTS:
+        needed = "a text"
         legal = isinstance(value, str)
     elif name in COUNTS:
+        needed = "an integer >= 0"
         legal = whole
     elif name in LISTS:
+        needed = "a list of numbers"
         legal = isinstance(value, list) and all(isinstance(v, float) for v in value)
     elif name == "guaranteed":
+        needed = "True, False or None"
         legal = value is None or isinstance(value, bool)
     else:
+        needed = "a number or None"
         legal = value is None or whole or isinstance(value, float)
     if not legal:
-        raise TypeError(f"{name}={value!r} is not what a record has there")
+        raise TypeError(f"{name}={value!r}: {needed} is needed")
 
 
 def provenance() -> dict[str, Any]:

@@ -126,9 +126,8 @@ class DiscreteSolution(Result):
     status: Status
     ending: str  # a sentence about how the run ended, empty if it converged
     history: History
-    linear_solver: str = (
-        ""  # 'sparsecholesky', 'PETSc', 'PyAMG': what was given or chosen
-    )
+    linear_solver: str = ""
+    """'sparsecholesky', 'PETSc', 'PyAMG': what was given or chosen."""
 
     @property
     def problem(self) -> Problem:

@@ -28,9 +28,8 @@ from ngepc.sensitivity.law_data import PARTS, PartDatum, is_of_part, with_consta
 from ngepc.sensitivity.parameters import MATERIAL
 from ngepc.sensitivity.tangent import tangents_at
 
-ILL_CONDITIONED = (
-    1e8  # condition of J' J; above it the data do not identify all constants
-)
+ILL_CONDITIONED = 1e8
+"""Condition of J' J; above it the data do not identify all constants."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +88,8 @@ class Curve:
         run = evolve(problem, self.schedule)
         functional = as_functional(self.functional)
         states = [give_state() for give_state in states_of(run)]
-        steps = [
-            run.times.index(time) for time in self.schedule.times
-        ]  # halved steps add times between
+        # halved steps add times between
+        steps = [run.times.index(time) for time in self.schedule.times]
         predicted = np.array([functional.slope(states[step]).value for step in steps])
         weights = np.ones(len(steps)) / (1.0 if self.noise is None else self.noise)
 
@@ -257,9 +255,8 @@ def _statistics(
             np.nan_to_num((right / singular[:, None]) ** 2, posinf=np.inf).sum(0)
         )
         factor = special.ndtri(0.5 + confidence / 2)
-        if (
-            not known
-        ):  # the noise cannot be estimated from as many measurements as constants
+        # the noise cannot be estimated from as many measurements as constants
+        if not known:
             error = (
                 error * np.sqrt(2 * found.cost / (m - n))
                 if m > n

@@ -37,9 +37,8 @@ class LinearContact:
     with_friction: np.ndarray  # boolean: friction acts
     slips: np.ndarray  # boolean
     bound: np.ndarray  # b (force)
-    trial: (
-        np.ndarray
-    )  # |t + k slip| with the stiffness k of the row, more than b where it slips
+    trial: np.ndarray
+    """|t + k slip| with the stiffness k of the row, more than b where it slips."""
     along: np.ndarray  # e, zero where it is undetermined, shape (m, d)
     grows: np.ndarray  # boolean: the bound is mu n
     coefficient: np.ndarray  # mu there

@@ -9,12 +9,7 @@ import numpy as np
 INHERITED = ("initial", "parts", "back", "alpha_1", "beta", "accumulated", "start")
 """History variables that a step passes to the next one, as "next_initial" and so on."""
 
-STENCIL = {
-    -2: 1 / 12,
-    -1: -8 / 12,
-    1: 8 / 12,
-    2: -1 / 12,
-}  # central difference of fourth order
+STENCIL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
 """Weights of a central difference of fourth order, by the multiple of the step."""
 
 Block = float | np.ndarray | tuple[Callable, Callable]

@@ -58,9 +58,8 @@ class LinearStep:
         self.moduli = state.with_radial_return().moduli
         self.tape = Tape([*equations_of_law(state), *contact.given()])
         k = contact.stiffness
-        self._free = np.append(
-            self.discrete.free.ravel(), np.ones(len(k))
-        )  # and all rows
+        # and all rows
+        self._free = np.append(self.discrete.free.ravel(), np.ones(len(k)))
         springs, soften = self._springs()
         stiffness = self.discrete.stiffness.with_added(self.discrete.added + springs)
         self._factors = Factors(self.discrete, "sparsecholesky", stiffness)

@@ -47,12 +47,9 @@ OF_OVERLAY = ("lame_lambda", "lame_mu")
 """Data of a material with sub-elements, in addition to those of ``Overlay``."""
 
 LOADS = ("traction", "pressure", "body_force")
-BY_BOUNDARY = (
-    "traction",
-    "pressure",
-    "gap",
-    "prescribed",
-)  # a colon and a boundary may follow
+BY_BOUNDARY = ("traction", "pressure", "gap", "prescribed")
+"""Data whose name may be followed by a colon and a boundary: 'gap:top'."""
+
 LEGAL = (
     *MATERIAL,
     *LOADS,

@@ -236,9 +236,8 @@ def _chosen_rows(found: TangentResult) -> LinearContact:
     moves = NEUTRAL * np.abs(change["u"]).max()
     apart = split(np.zeros_like(found.state.contact) + change["gaps"])[0] - across
     closed[rows] = np.where(closed[rows], normal[rows] >= least, apart[rows] < -moves)
-    by_pressure = rows[
-        ~contact.law.given[rows]
-    ]  # Tresca friction acts without contact as well
+    # Tresca friction acts without contact as well
+    by_pressure = rows[~contact.law.given[rows]]
     slips[by_pressure] = (contact.trial > contact.bound)[by_pressure]
     over = (tangential * contact.along).sum(axis=1) - change["bound"] - mu * normal
     start = split(moved(np.zeros_like(change["u"]) + change["start"]))[1]

@@ -212,9 +212,8 @@ class Processes(OverMeshes):
             for name, value in os.environ.items()
             if not name.startswith(mine)
         }
-        clean["OMPI_MCA_mpi_yield_when_idle"] = (
-            "1"  # processes that wait yield their cores
-        )
+        # processes that wait yield their cores
+        clean["OMPI_MCA_mpi_yield_when_idle"] = "1"
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "records.json"
             program = [

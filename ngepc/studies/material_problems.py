@@ -136,12 +136,12 @@ def ring_limit() -> float:
 def quarter_ring(n: int) -> Mesh:
     """A quarter of a ring with the radii ``RADII``: n x 3 n quadrilaterals."""
 
-    def placed(s: float, t: float) -> tuple[float, float]:
+    def ring_point(s: float, t: float) -> tuple[float, float]:
         """A point of the ring from one of the unit square."""
         r = RADII[0] + (RADII[1] - RADII[0]) * s
         return r * math.cos(math.pi / 2 * t), r * math.sin(math.pi / 2 * t)
 
-    return MakeStructured2DMesh(quads=True, nx=n, ny=3 * n, mapping=placed)
+    return MakeStructured2DMesh(quads=True, nx=n, ny=3 * n, mapping=ring_point)
 
 
 def ring() -> Solved:
@@ -187,12 +187,11 @@ def disc() -> Solved:
     Bisection of the square of the speed, by whether there is a solution.
     """
 
-    def placed(s: float, t: float) -> tuple[float, float]:
-        # the quarter of a disc from that of a square, by concentric squares
-        """A point of the quarter disc from one of the unit square."""
+    def disc_point(s: float, t: float) -> tuple[float, float]:
+        """A point of the quarter disc from one of the unit square, by concentric squares."""
         return s * math.sqrt(1 - t * t / 2), t * math.sqrt(1 - s * s / 2)
 
-    mesh = MakeStructured2DMesh(quads=True, nx=12, ny=12, mapping=placed)
+    mesh = MakeStructured2DMesh(quads=True, nx=12, ny=12, mapping=disc_point)
     perfect = Material.metal(
         young=1000.0, poisson=0.3, yield_stress=YIELD, plastic_modulus=0.0
     )

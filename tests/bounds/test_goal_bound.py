@@ -21,7 +21,7 @@ from ngepc import (
 from ngepc.bounds.adjoint import AdjointProblem
 from ngepc.bounds.goal_bound import GoalProblem
 from ngepc.bounds.goal_terms import terms_of
-from ngepc.bounds.supremum import PointData, Stresses, suprema
+from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots, mean_part
 from ngepc.geometries import block
 from ngepc.studies.bounds import bounded_example
 from ngepc.studies.examples import example
@@ -85,6 +85,18 @@ class Points:
         value -= (self.strain.deviator * rise).sum(axis=1)
         mean = BULK * (self.volume + volume) - self.sigma.mean
         return value - factor * (mean * volume + (left * e).sum(axis=1))
+
+
+def suprema(at, tau, sigma, strain, factor):
+    """Upper bound of the supremum at each point, (n,), as the module has it in parts."""
+    two_mu = at.two_mu[:, None]
+    q = tau.deviator + factor * (sigma.deviator - at.back)
+    w = factor / two_mu * at.trial - strain.deviator
+    law = ScaledLaw.of(at.two_mu, at.hardening, at.beta, factor)
+    found, _ = law.potential((q / two_mu)[:, None], w[:, None])
+    found = found[:, 0] - dots(q, at.trial) / at.two_mu
+    found = found + dots(at.stress - at.back, strain.deviator)
+    return found + mean_part(at, tau, sigma, strain, factor)
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
