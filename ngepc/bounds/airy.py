@@ -18,7 +18,7 @@ from scipy.linalg import eigh
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.element import LEGS, NORMALS, PAIRS, airy_stresses
-from ngepc.bounds.parts import AT_NODES, RULE, SIX, WEIGHTS, portions
+from ngepc.bounds.polynomials import AT_NODES, RULE, SIX, WEIGHTS, portions
 from ngepc.bounds.simplices import sliced
 
 # entries of a symmetric matrix that are kept

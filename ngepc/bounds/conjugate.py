@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ngepc.bounds.parts import (
+from ngepc.bounds.polynomials import (
     NODES,
     RULE,
     SPLIT,

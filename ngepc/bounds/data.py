@@ -20,7 +20,7 @@ from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches
 from ngepc.bounds.oscillation import CarriedLoads
-from ngepc.bounds.parts import AT_POINTS, RULE, SPLIT, TO_NODES, exceeding
+from ngepc.bounds.polynomials import AT_POINTS, RULE, SPLIT, TO_NODES, exceeding
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State

@@ -20,7 +20,7 @@ from ngepc.bounds.adjoint import Adjoint
 from ngepc.bounds.bound import ErrorBound
 from ngepc.bounds.conjugate import R6
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.parts import (
+from ngepc.bounds.polynomials import (
     NODES,
     RULE,
     SPLIT,

@@ -15,7 +15,7 @@ from ngepc.bounds.conjugate import Completed, Conjugate
 from ngepc.bounds.data import BestStress, BoundData, Effort, stress_coordinates
 from ngepc.bounds.element import ELEMENTS, PAIRS
 from ngepc.bounds.levels import TwoLevels
-from ngepc.bounds.parts import portions
+from ngepc.bounds.polynomials import portions
 from ngepc.bounds.simplices import Simplices, marked, sliced
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State

@@ -22,7 +22,7 @@ from ngepc.bounds.contact import BUBBLE, EDGES, LEVEL
 from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.parts import NODES, coefficients
+from ngepc.bounds.polynomials import NODES, coefficients
 from ngepc.bounds.simplices import FACETS
 from ngepc.checks.kinds import require_instance, require_path
 from ngepc.discretisation.factors import Factors

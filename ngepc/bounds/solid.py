@@ -38,7 +38,7 @@ from ngepc.bounds.data import (
     strain_coordinates,
 )
 from ngepc.bounds.element import ELEMENTS
-from ngepc.bounds.parts import RULE, TO_NODES, portions
+from ngepc.bounds.polynomials import RULE, TO_NODES, portions
 from ngepc.bounds.simplices import FACETS
 from ngepc.bounds.transfer import lowered_problem
 from ngepc.discretisation.factors import Factors

@@ -41,7 +41,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.bounds.parts import portions, square_integrals
+from ngepc.bounds.polynomials import portions, square_integrals
 from ngepc.bounds.simplices import sliced
 
 ANGLES = 12

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ngepc.bounds.parts import RULE, SPLIT, WEIGHTS, worth_keeping
+from ngepc.bounds.polynomials import RULE, SPLIT, WEIGHTS, worth_keeping
 from ngepc.bounds.supremum import (
     PointData,
     ScaledLaw,

@@ -286,12 +286,7 @@ def require_field(
         if corners:
             rules = corner_rules(mesh.dim - (boundaries is not None))
             samples = np.vstack([samples, sample(value, mesh, boundaries, rules)])
-    except (
-        NgException,
-        RuntimeError,
-        TypeError,
-        ValueError,
-    ) as error:  # NGSolve's and Python's
+    except (NgException, RuntimeError, TypeError, ValueError) as error:
         raise ValueError(f"{name} cannot be evaluated on {where}: {error}") from error
     return require_in(name, samples, where, **how)
 

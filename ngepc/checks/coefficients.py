@@ -22,9 +22,8 @@ def children(node: CoefficientFunction) -> list[CoefficientFunction]:
         return []
     try:
         parts = node.data["childs"]
-    except (
-        Exception
-    ):  # NGSolve's archive refuses some kinds, normal vectors for example
+    except Exception:
+        # NGSolve's archive refuses some kinds, normal vectors for example
         return []
     return [part for part in parts if part is not None]
 
@@ -34,7 +33,7 @@ def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
 
     The text of a coefficient names its operands and is much cheaper than the operands.
     """
-    if not isinstance(value, CoefficientFunction) or not shows(value, kind):
+    if not isinstance(value, CoefficientFunction) or not mentions(value, kind):
         return
     waiting = [value]
     met = {}
@@ -49,14 +48,14 @@ def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
             yield node
 
 
-def shows(node: CoefficientFunction, kind: str) -> bool:
+def mentions(node: CoefficientFunction, kind: str) -> bool:
     """Whether the text of a coefficient names operands of a ``kind``."""
     return kind in str(node).lower()
 
 
-def sealed(leaf: CoefficientFunction, kind: str) -> bool:
+def hides(leaf: CoefficientFunction, kind: str) -> bool:
     """Whether an innermost operand hides a part of a ``kind`` that cannot be replaced."""
-    return not isinstance(leaf, LEAVES) and shows(leaf, kind)
+    return not isinstance(leaf, LEAVES) and mentions(leaf, kind)
 
 
 def rebuilt(
@@ -66,18 +65,18 @@ def rebuilt(
     """The coefficient with ``replace(operand)`` in place of each innermost operand."""
     made: dict[int, tuple] = {}
 
-    def again(node: CoefficientFunction) -> CoefficientFunction:
+    def rebuilt_once(node: CoefficientFunction) -> CoefficientFunction:
         """The changed node, made once."""
         if id(node) not in made:
-            made[id(node)] = node, changed(node)
+            made[id(node)] = node, with_new_operands(node)
         return made[id(node)][1]
 
-    def changed(node: CoefficientFunction) -> CoefficientFunction:
+    def with_new_operands(node: CoefficientFunction) -> CoefficientFunction:
         """The node with changed operands, itself if none has changed."""
         old = children(node)
         if not old:
             return replace(node)
-        new = [again(part) for part in old]
+        new = [rebuilt_once(part) for part in old]
         if all(a is b for a, b in zip(old, new, strict=True)):
             return node
         remaining = iter(new)
@@ -85,7 +84,7 @@ def rebuilt(
         data["childs"] = [p if p is None else next(remaining) for p in data["childs"]]
         return CoefficientFunction(data)
 
-    return again(value)
+    return rebuilt_once(value)
 
 
 def with_numbers(name: str, value: CoefficientFunction) -> CoefficientFunction:
@@ -94,7 +93,7 @@ def with_numbers(name: str, value: CoefficientFunction) -> CoefficientFunction:
     ValueError if one is in a part that cannot be rebuilt.
     """
     leaves = list(leaves_of(value, PARAMETER))
-    if any(sealed(leaf, PARAMETER) for leaf in leaves):
+    if any(hides(leaf, PARAMETER) for leaf in leaves):
         raise ValueError(
             f"{name} has a Parameter inside a part that cannot be rebuilt, for example a "
             "CacheCF: a number or a coefficient without such a part is needed"
@@ -132,7 +131,7 @@ def foreign_meshes(name: str, value: object, mesh: Mesh) -> list[Mesh]:
     """
     found = []
     for leaf in leaves_of(value, FUNCTION):
-        if sealed(leaf, FUNCTION):
+        if hides(leaf, FUNCTION):
             raise ValueError(
                 f"{name} has a GridFunction inside a part that cannot be read, for example a "
                 "CacheCF: the function itself is needed"

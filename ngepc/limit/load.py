@@ -408,9 +408,8 @@ class Search:
         last = self.last
         self.lower = max(self.lower, last.lower)
         self.upper = min(self.upper, last.upper)
-        if (
-            self.is_free
-        ):  # loads that do work in a rigid motion are balanced up to rounding only
+        # Loads that do work in a rigid motion are balanced up to rounding only.
+        if self.is_free:
             self.lower = min(self.lower, self.upper)
         bounds = (self.lower * self.unit, self.upper * self.unit)
         count = len(last.data.cells.nodes)

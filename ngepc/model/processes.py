@@ -160,9 +160,8 @@ class Team:
         error = None
         try:
             value = work()
-        except (
-            Exception
-        ) as raised:  # of any kind, as the others must not wait for this process
+        except Exception as raised:
+            # of any kind, as the others must not wait for this process
             error = raised
         errors = [raised for raised in self.all(error) if raised is not None]
         if errors:

@@ -66,9 +66,8 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
         record = header["record"]
         if form == FORMAT and header["contents"] != contents_of(record, arrays):
             raise ValueError("its contents are not those that were written")
-    except (
-        Exception
-    ) as error:  # NumPy and zipfile raise errors of many kinds for damaged archives
+    except Exception as error:
+        # NumPy and zipfile raise errors of many kinds for damaged archives
         raise ValueError(
             f"checkpoint {path} is damaged or no checkpoint ({error}): move it away"
         ) from error

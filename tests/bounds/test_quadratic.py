@@ -10,7 +10,7 @@ from ngsolve import CF, L2, GridFunction, x, y
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
 from ngepc.bounds.adaptive import Refinement, solve_to
 from ngepc.bounds.bound import error_bound
-from ngepc.bounds.parts import (
+from ngepc.bounds.polynomials import (
     AT_NODES,
     SPLIT,
     coefficients,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ngepc.bounds.parts import NODES, RULE, TO_NODES, WEIGHTS, coefficients
+from ngepc.bounds.polynomials import NODES, RULE, TO_NODES, WEIGHTS, coefficients
 from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
 
 TWO_MU = 2e3

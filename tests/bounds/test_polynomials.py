@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ngepc.bounds.parts import AT_POINTS, RULE, SIX, TO_NODES, WEIGHTS
+from ngepc.bounds.polynomials import AT_POINTS, RULE, SIX, TO_NODES, WEIGHTS
 
 
 @pytest.mark.parametrize("k", [3, 4])
