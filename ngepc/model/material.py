@@ -111,6 +111,7 @@ class Material(Declared):
         kind: str = "isotropic",
         kinematic_share: float | None = None,
         rate: RateLaw | None = None,
+        hill: Hill | None = None,
     ) -> Material:
         """A metal by the numbers of a tensile test, as on a data sheet.
 
@@ -134,6 +135,9 @@ class Material(Declared):
             The part of the hardening that is kinematic if it is mixed, in (0, 1).
         rate
             Overstress that depends on the rate of plastic strain, such as ``Norton(...)``, or None.
+        hill
+            Anisotropic yield of a rolled sheet, such as ``Hill.r_values(...)``, or None.  The other
+            numbers are those of a bar along its axis 1, and ``kind`` is "isotropic".
 
         Returns
         -------
@@ -152,8 +156,14 @@ class Material(Declared):
         }
         lame_lambda, lame_mu = elastic_data(young, poisson)
         share = kinematic_share_of(kind, kinematic_share)
+        if hill is not None and share > 0:
+            raise ValueError(
+                f"kind={kind!r}: kind='isotropic' is needed with hill (Material(...) "
+                "takes the modulus of a back stress)"
+            )
         data = plastic_data(young, yield_stress, ways, share)
-        metal = cls(lame_lambda=lame_lambda, lame_mu=lame_mu, rate=rate, **data)
+        data |= {"lame_lambda": lame_lambda, "lame_mu": lame_mu}
+        metal = cls(**data, rate=rate, hill=hill)
         given = {
             "young": young,
             "poisson": poisson,
@@ -161,6 +171,7 @@ class Material(Declared):
             **ways,
         }
         given |= {"kind": kind, "kinematic_share": kinematic_share, "rate": rate}
+        given |= {"hill": hill}
         entries = [(name, value) for name, value in given.items() if value is not None]
         vars(metal)["given"] = tuple(entries)
         return metal

@@ -43,6 +43,7 @@ GIVEN = {
 """Arguments of ``Material.metal`` -> words, and their unit."""
 
 RATE = "overstress of the rate of plastic strain"
+HILL = "anisotropic yield"
 
 
 FORCES = {
@@ -173,7 +174,7 @@ def describe_material(material: Material, units: UnitNames = PLAIN) -> Rows:
     elif len(zero) == len(others):
         rows.append(row("hardening", "none: perfectly plastic"))
     if material.hill is not None:
-        rows.append(row("anisotropic yield", said_law(material.hill)))
+        rows.append(row(HILL, said_law(material.hill)))
     if material.rate is not None:
         rows.append(row(RATE, said_law(material.rate)))
     return rows
@@ -187,6 +188,8 @@ def _given(name: str, value: object, units: UnitNames) -> dict[str, object]:
         return row("stress-strain curve of a tensile test", text)
     if name == "rate":
         return row(RATE, said_law(value))
+    if name == "hill":
+        return row(HILL, said_law(value))
     words, kind = GIVEN[name]
     unit = unit_of(units, kind)
     return row(words, value if isinstance(value, str) else amount(value, unit))

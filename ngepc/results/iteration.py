@@ -43,7 +43,7 @@ QUADRATIC = 5.0
 """After a full step that divides the residual by more, w is set to the radial return."""
 
 NEAR = 1e-2
-"""If it is smaller than this, too, the factors of the tangent give one more step."""
+"""If it is smaller than this, too, the factors of the tangent give further steps."""
 
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
@@ -167,10 +167,8 @@ def newton_step(
     if not converges(here, state):
         return found
     state = settled(here, state)
-    near = tolerance < state.residual_norm < NEAR
-    exact = state.rounding < NEAR * state.residual_norm
-    if near and exact and isinstance(target, ExactTarget):
-        state = corrected(state, tangent, target)
+    if isinstance(target, ExactTarget) and state.residual_norm < NEAR:
+        state = corrected(state, tangent, target, tolerance)
     return state, length, trials
 
 
@@ -184,20 +182,28 @@ def settled(here: Iterate, following: Iterate) -> Iterate:
     return following.with_radial_return() if converges(here, following) else following
 
 
-def corrected(state: Iterate, tangent: Any, target: ExactTarget) -> Iterate:
-    """The state after a further step with the same factors, if its residual is smaller.
+def corrected(
+    state: Iterate, tangent: Any, target: ExactTarget, tolerance: float
+) -> Iterate:
+    """The state after further steps with the same factors, as long as they converge.
 
-    One more solve for the factors saves the last ones of Newton's method.
+    Each of them is one more solve for the factors, and they save the last factorisations of
+    Newton's method.  A step that does not reduce the residual is not taken.
     """
-    if state.penetration > state.touching_distance:
-        return state
-    found = searched(state, *target.step(state, tangent))
-    if found is None:
-        return state
-    closer, length, _ = found
-    if not closer.residual_norm < state.residual_norm:
-        return state
-    return settled(state, closer) if length == 1.0 else closer
+    while state.residual_norm > tolerance:
+        if state.penetration > state.touching_distance:
+            break
+        found = searched(state, *target.step(state, tangent))
+        if found is None:
+            break
+        closer, length, _ = found
+        if not closer.residual_norm < state.residual_norm:
+            break
+        fast = length == 1.0 and converges(state, closer)
+        state = closer.with_radial_return() if fast else closer
+        if not fast:
+            break
+    return state
 
 
 def searched(

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from ngsolve import CF
 
-from ngepc import Material, Problem, error_bound, material_point, semismooth_newton
+from ngepc import (
+    Hill,
+    Material,
+    Norton,
+    Problem,
+    error_bound,
+    material_point,
+    semismooth_newton,
+)
 from ngepc.geometries import block
 from ngepc.model.tensile import lame_parameters
 
@@ -58,6 +66,35 @@ def test_perfect_plasticity():
 
 
 POINTS = [(0.0, 0.0), (R / E, R), (0.01, 280.0), (0.05, 350.0), (0.1, 350.0)]
+
+
+R_VALUES = (1.8, 1.2, 2.3)
+
+
+@pytest.mark.parametrize(
+    "given", [{"plastic_modulus": H}, {"tangent_modulus": TANGENT}, {"curve": None}]
+)
+def test_a_rolled_sheet_follows_the_data_sheet_along_its_axis(given):
+    """The numbers are those of a bar along the axis 1, whose width and thickness differ."""
+    if "curve" in given:
+        given = {"curve": [(R / E, R), (1.0, R + TANGENT * (1.0 - R / E))]}
+    rolled = Material.metal(**ELASTIC, **given, hill=Hill.r_values(*R_VALUES))
+    history = material_point(rolled, strain={"xx": [STRAIN, -STRAIN]}, steps=3)
+    top = R + TANGENT * (STRAIN - R / E)
+    assert history.stress[2, 0, 0] == pytest.approx(top, rel=1e-9)
+    yields = STRAIN - 2 * top / E
+    bottom = -top + TANGENT * (-STRAIN - yields)
+    assert history.stress[-1, 0, 0] == pytest.approx(bottom, rel=1e-9)
+    p = history.plastic_strain[2]
+    assert p[1, 1] / p[2, 2] == pytest.approx(R_VALUES[0], rel=1e-9)
+
+
+def test_a_rolled_sheet_prints_as_it_was_given():
+    rolled = Material.metal(
+        **ELASTIC, plastic_modulus=H, hill=Hill(F=0.4, G=0.6, H=0.4), rate=Norton(1.0, 5)
+    )
+    assert repr(eval(repr(rolled))) == repr(rolled)
+    assert "hill=Hill(F=0.4, G=0.6, H=0.4)" in repr(rolled)
 
 
 @pytest.mark.parametrize("points", [POINTS, POINTS[1:]])
@@ -127,6 +164,11 @@ def test_linear_hardening_has_bounds():
         ({"plastic_modulus": 1.0, "kind": "mixed"}, "kinematic_share in"),
         ({"plastic_modulus": 1.0, "kinematic_share": 0.5}, "kind='mixed' is needed"),
         ({"curve": POINTS, "kind": "kinematic"}, "kind='isotropic' is needed"),
+        (
+            {"plastic_modulus": 1.0, "kind": "kinematic", "hill": Hill()},
+            "kind='kinematic': kind='isotropic' is needed with hill",
+        ),
+        ({"plastic_modulus": 1.0, "hill": 1.0}, r"hill=1.0: Hill\(...\) is needed"),
         ({"curve": [(0.002, 150.0)], "yield_stress": None}, "yield_stress= is needed"),
         ({"curve": [(0.1, 300.0), (0.2, 250.0)]}, "the stress falls from 300 to 250"),
         ({"curve": [(0.1, 300.0), (0.1, 350.0)]}, "increasing ones are needed"),
