@@ -199,9 +199,9 @@ def corrected(
         closer, length, _ = found
         if not closer.residual_norm < state.residual_norm:
             break
-        fast = length == 1.0 and converges(state, closer)
-        state = closer.with_radial_return() if fast else closer
-        if not fast:
+        before = state
+        state = closer if length < 1.0 else settled(before, closer)
+        if length < 1.0 or not converges(before, closer):
             break
     return state
 

@@ -91,7 +91,10 @@ def test_a_rolled_sheet_follows_the_data_sheet_along_its_axis(given):
 
 def test_a_rolled_sheet_prints_as_it_was_given():
     rolled = Material.metal(
-        **ELASTIC, plastic_modulus=H, hill=Hill(F=0.4, G=0.6, H=0.4), rate=Norton(1.0, 5)
+        **ELASTIC,
+        plastic_modulus=H,
+        hill=Hill(F=0.4, G=0.6, H=0.4),
+        rate=Norton(1.0, 5),
     )
     assert repr(eval(repr(rolled))) == repr(rolled)
     assert "hill=Hill(F=0.4, G=0.6, H=0.4)" in repr(rolled)
