@@ -92,12 +92,11 @@ class VaryingData:
     def at(self, table: np.ndarray) -> Sampled:
         """The data at the points of a table (points, k)."""
         points = len(table)
-        values = {
-            name: np.matmul(table, getattr(self, name)).reshape(
-                -1, getattr(self, name).shape[2]
-            )
-            for name in NAMES
-        }
+        values = {}
+        for name in NAMES:
+            coefficients = getattr(self, name)
+            at_points = np.matmul(table, coefficients)
+            values[name] = at_points.reshape(-1, coefficients.shape[2])
         law = {name: np.repeat(value, points) for name, value in self.law.items()}
         trial = values["trial"]
         kept = kept_part(trial, law["two_mu"], law["hardening"], law["beta"])
@@ -108,14 +107,11 @@ class VaryingData:
             back=values["back"],
             stress=kept[:, None] * trial + values["back"],
         )
-        return Sampled(
-            data,
-            Stresses(values["tau"][:, 0], values["tau"][:, 1:]),
-            Stresses(values["sigma"][:, 0], values["sigma"][:, 1:]),
-            Stresses(values["trace"][:, 0], values["strain"]),
-            dots(trial, trial) <= law["beta"] ** 2,
-            points,
-        )
+        tau = Stresses(values["tau"][:, 0], values["tau"][:, 1:])
+        sigma = Stresses(values["sigma"][:, 0], values["sigma"][:, 1:])
+        strain = Stresses(values["trace"][:, 0], values["strain"])
+        is_elastic = dots(trial, trial) <= law["beta"] ** 2
+        return Sampled(data, tau, sigma, strain, is_elastic, points)
 
 
 @dataclass(frozen=True, eq=False)

@@ -352,28 +352,32 @@ class Floating:
         tied = self._contact.rows.tied
         friction = self._contact.friction
         m = len(tied)
-        row = np.repeat(np.arange(len(tied)), friction.d)
+        row = np.repeat(np.arange(m), friction.d)
+
+        # The unknowns: forces x of the rows, then positive and negative parts of l(z) - x . R z.
         most = np.append(np.full(m, np.inf), friction.cap[row] / size)
         least = np.append(np.where(tied, -np.inf, 0.0), -most[m:])
+        ranges = [*zip(least, most, strict=True), *[(0, None)] * (2 * k)]
+        work = np.hstack([self._on_rows.T, np.eye(k), -np.eye(k)])
+        wanted = np.einsum("ni,nik->k", self._load, self._motions) / size
+        cost = np.concatenate([np.zeros(n), np.ones(2 * k)])
+
+        # Coulomb's law, component by component: -mu n <= t <= mu n.
         by_pressure = np.flatnonzero(~friction.given[row])
         count = len(by_pressure)
-        row = row[by_pressure]
-        coefficients = friction.coefficient[row]
-        grip = csr_matrix((coefficients, (np.arange(count), row)), (count, m))
+        pressing = row[by_pressure]
+        entries = (friction.coefficient[pressing], (np.arange(count), pressing))
+        bound = csr_matrix(entries, (count, m))
         tangents = eye(n - m, format="csr")[by_pressure]
-        no = csr_matrix((count, 2 * k))
-        limits = vstack([hstack([-grip, s * tangents, no]) for s in (1, -1)])
-        missing = linprog(
-            np.concatenate([np.zeros(n), np.ones(2 * k)]),
-            A_ub=limits,
-            b_ub=np.zeros(limits.shape[0]),
-            A_eq=np.hstack([self._on_rows.T, np.eye(k), -np.eye(k)]),
-            b_eq=np.einsum("ni,nik->k", self._load, self._motions) / size,
-            bounds=[*zip(least, most, strict=True), *[(0, None)] * (2 * k)],
-        ).fun
+        zero = csr_matrix((count, 2 * k))
+        limits = vstack([hstack([-bound, s * tangents, zero]) for s in (1, -1)])
+
+        given = {"A_ub": limits, "b_ub": np.zeros(limits.shape[0])}
+        found = linprog(cost, A_eq=work, b_eq=wanted, bounds=ranges, **given)
+        if found.fun <= SMALL:
+            return ""
         centre = ", ".join(f"{c:.3g}" for c in self.centres[-1])
-        said = f"Contact cannot hold the part around ({centre}) against its loads."
-        return said if missing > SMALL else ""
+        return f"Contact cannot hold the part around ({centre}) against its loads."
 
     def undetermined(self, forces: np.ndarray) -> int:
         """Number of rigid motions that active and sticking rows do not prevent."""

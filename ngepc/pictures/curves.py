@@ -248,9 +248,8 @@ def plot_counts(
         style |= {"linestyle": "--", "markerfacecolor": "white", "alpha": 0.7}
         axes.plot(list(printed), list(printed.values()), **style)
     nodes = sorted({n for row in counts.values() for n in row})
-    most = 1.3 * max(
-        2, *(n for row in (*counts.values(), *paper.values()) for n in row.values())
-    )
+    numbers = [n for row in (*counts.values(), *paper.values()) for n in row.values()]
+    most = 1.3 * max(2, *numbers)
     ticks = [
         tick for tick in (0, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if tick <= most
     ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy import special
@@ -175,36 +174,66 @@ def calibrate(
     for name in names:
         if is_of_part(name):
             PartDatum.of(problem.material, name)
-
-    def fitted(logarithms: Sequence[float]) -> Problem:
-        """The problem with other material constants."""
-        values = dict(zip(names, np.exp(logarithms).tolist(), strict=True))
-        return with_constants(problem, values)
-
-    @lru_cache(maxsize=1)  # scipy asks for the Jacobian at the last point of evaluation
-    def fits(*logarithms: float) -> list:
-        """The fit of each curve for logarithms of the parameters."""
-        return [curve.fit(fitted(logarithms)) for curve in curves]
-
-    found = least_squares(
-        lambda x: np.concatenate([residuals for residuals, _ in fits(*x)]),
-        np.log([start[name] for name in names]),
-        lambda x: np.concatenate([slopes(names) for _, slopes in fits(*x)]) * np.exp(x),
-        method="dogbox",  # minimum-norm Gauss-Newton steps if the data do not identify a constant
-        max_nfev=limit,
-    )
+    fits = _Fits(problem, names, curves)
+    guesses = np.log([start[name] for name in names])
+    # "dogbox" takes minimum-norm Gauss-Newton steps if the data do not identify a constant.
+    given = {"method": "dogbox", "max_nfev": limit}
+    found = least_squares(fits.residuals, guesses, fits.jacobian, **given)
     known = all(curve.noise is not None for curve in curves)
     condition, ends = _statistics(found, confidence, known)
     return Calibration(
         values=dict(zip(names, np.exp(found.x).tolist(), strict=True)),
         intervals=dict(zip(names, map(tuple, ends.T.tolist()), strict=True)),
-        problem=fitted(found.x),
+        problem=fits.fitted(found.x),
         residuals=found.fun,
         condition=condition,
-        evaluations=fits.cache_info().misses,
+        evaluations=fits.evaluations,
         converged=bool(found.success),
         message=found.message + _doubt(names, condition),
     )
+
+
+class _Fits:
+    """The fits of all curves as functions of the logarithms of the constants.
+
+    The last fits are kept, as SciPy asks for the Jacobian at the last point of evaluation.
+    """
+
+    def __init__(
+        self, problem: Problem, names: Sequence[str], curves: Sequence[Curve]
+    ) -> None:
+        self._problem = problem
+        self._names = names
+        self._curves = curves
+        self._at: np.ndarray | None = None
+        self._last: list = []
+        self.evaluations = 0
+
+    def fitted(self, logarithms: np.ndarray) -> Problem:
+        """The problem with other material constants."""
+        constants = np.exp(logarithms).tolist()
+        return with_constants(
+            self._problem, dict(zip(self._names, constants, strict=True))
+        )
+
+    def residuals(self, logarithms: np.ndarray) -> np.ndarray:
+        """The residuals of all curves."""
+        return np.concatenate([residuals for residuals, _ in self._fits(logarithms)])
+
+    def jacobian(self, logarithms: np.ndarray) -> np.ndarray:
+        """The derivatives of the residuals by the logarithms."""
+        fits = self._fits(logarithms)
+        by_constants = [slopes(self._names) for _, slopes in fits]
+        return np.concatenate(by_constants) * np.exp(logarithms)
+
+    def _fits(self, logarithms: np.ndarray) -> list:
+        """The fit of each curve."""
+        if self._at is None or not np.array_equal(self._at, logarithms):
+            problem = self.fitted(logarithms)
+            self._last = [curve.fit(problem) for curve in self._curves]
+            self._at = logarithms.copy()
+            self.evaluations += 1
+        return self._last
 
 
 def _doubt(names: Sequence[str], condition: float) -> str:

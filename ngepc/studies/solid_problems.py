@@ -115,13 +115,13 @@ def pulled(material: Material, corners: str) -> Solved:
         run.strain[:, 0, 1],
         run.accumulated_plastic_strain,
     )
-    return None, [
-        Quantity(f"{name} at {corner}", value, "P", TOLERANCE[corner], float(ours[end]))
-        for corner, end in zip(corners, run.corners, strict=True)
-        for name, ours, value in zip(
-            ("eps_xx", "eps_xy", "p"), computed, STRAIN[corner], strict=True
-        )
-    ]
+    quantities = []
+    for corner, end in zip(corners, run.corners, strict=True):
+        rows = zip(("eps_xx", "eps_xy", "p"), computed, STRAIN[corner], strict=True)
+        for name, ours, value in rows:
+            given = (f"{name} at {corner}", value, "P", TOLERANCE[corner])
+            quantities.append(Quantity(*given, float(ours[end])))
+    return None, quantities
 
 
 def ssnp15() -> Solved:

@@ -123,10 +123,10 @@ class Work(ABC):
 
     def table(self, records: Sequence[dict]) -> list[list[str]]:
         """The headings of the table, then its entries, row by row."""
-        columns = [
-            c.partition("=") for c in " ".join(self.columns.split()).split(" | ")
-        ]
-        heads, entries = ([c[k].strip() for c in columns] for k in (0, 2))
+        columns = " ".join(self.columns.split()).split(" | ")
+        pairs = [column.partition("=") for column in columns]
+        heads = [head.strip() for head, _, _ in pairs]
+        entries = [entry.strip() for _, _, entry in pairs]
         shown_records = [with_endings(record) for record in self.table_rows(records)]
         rows = [[shown(entry, record) for entry in entries] for record in shown_records]
         if self.across is None:
@@ -135,11 +135,12 @@ class Work(ABC):
         for row, record in zip(rows, shown_records, strict=True):
             head, entry = (shown(text, record) for text in self.across)
             merged.setdefault(tuple(row), {})[head] = entry
-        over = list(dict.fromkeys(head for found in merged.values() for head in found))
-        rows = [
-            [*row, *(found.get(h, "") for h in over)] for row, found in merged.items()
-        ]
-        return [[*heads, *over], *rows]
+        more_heads = dict.fromkeys(h for found in merged.values() for h in found)
+        wide_rows = []
+        for row, found in merged.items():
+            more = [found.get(head, "") for head in more_heads]
+            wide_rows.append([*row, *more])
+        return [[*heads, *more_heads], *wide_rows]
 
     def write(self, records: Sequence[dict]) -> list[Path]:
         """Write what ``run`` has returned as NAME.csv, .md and .json, and pictures; the paths."""
@@ -215,12 +216,11 @@ def _git(*words: str) -> str | None:
 def _records(kept: Mapping, cell: Mapping) -> list[dict]:
     """The stored records of a cell; TypeError if they do not belong to it."""
     found = kept["records"]
-    theirs = found and all(
-        isinstance(r, dict) and all(r.get(k) == v for k, v in cell.items())
-        for r in found
-    )
-    if not isinstance(found, list) or not theirs:
+    if not isinstance(found, list) or not found:
         raise TypeError(f"no records of the cell {dict(cell)}")
+    for record in found:
+        if not isinstance(record, dict) or not cell.items() <= record.items():
+            raise TypeError(f"no records of the cell {dict(cell)}")
     return found
 
 
