@@ -4,7 +4,7 @@
 """
 
 import os
-from functools import wraps
+from functools import cache, wraps
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -150,15 +150,22 @@ def pytest_ignore_collect(collection_path, config):
     return True if unwanted and collection_path in SLOW_PLACES else None
 
 
-def rank(item):
-    """The place of a test's file in LONGEST, after them all if it is none of these."""
-    places = (item.path, *item.path.parents)
+@cache
+def rank(path):
+    """The place of a file of tests in LONGEST, after them all if it is none of these."""
+    places = (path, *path.parents)
     ranks = [i for i, name in enumerate(LONGEST) if HERE / name in places]
     return min(ranks, default=len(LONGEST))
 
 
+@cache
+def is_slow(path):
+    """Whether a file of tests is one of SLOW."""
+    return not SLOW_PLACES.isdisjoint((path, *path.parents))
+
+
 def pytest_collection_modifyitems(items):
-    items.sort(key=rank)
+    items.sort(key=lambda item: rank(item.path))
     for item in items:
-        if not SLOW_PLACES.isdisjoint((item.path, *item.path.parents)):
+        if is_slow(item.path):
             item.add_marker(pytest.mark.slow)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from functools import cache, partial
 from typing import Annotated, get_args, get_type_hints
 
 from ngepc.checks.arguments import (
@@ -45,6 +45,7 @@ def declared_check(hint: object) -> Check | None:
     )
 
 
+@cache
 def declared_checks(kind: type) -> dict[str, Check]:
     """Name of a field -> its check, for those that have one."""
     hints = get_type_hints(kind, include_extras=True)

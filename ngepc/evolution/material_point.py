@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -39,6 +39,11 @@ _DEVIATORS = np.einsum("kij,dij->kd", _UNITS, SOLID.basis)
 # Relative change of a strain that ends a search, and the tolerance of the stress
 PRECISE = 1e-15
 ACCEPTED = 1e-11
+
+ROUNDED = 1e-14
+"""Stress residual at which Newton's method ends, relative to yield stress and given stresses."""
+
+NEWTON_STEPS = 20
 
 Path = Mapping[str, float | Sequence[float]]
 
@@ -216,8 +221,11 @@ class _Point:
 
         if not free.any():
             return e
-        found = root(missing, e[free], jac=True, tol=PRECISE)
-        return e if np.abs(missing(found.x)[0]).max() <= ACCEPTED else None
+        start = e[free]
+        part = by_newton(missing, start)
+        if part is None:
+            part = root(missing, start, jac=True, tol=PRECISE).x
+        return e if np.abs(missing(part)[0]).max() <= ACCEPTED else None
 
     def accept(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Stress, plastic strain and PEEQ at the end of an increment, where the next one starts."""
@@ -232,6 +240,31 @@ class _Point:
         alpha_1 = float(arrays["hardening_variable"][0])
         law.carry(arrays, self.at(self.material.yield_bound(alpha_1, peeq)))
         return stress, _DEVIATORS @ law.initial[0] / _ENTRIES, peeq
+
+
+def by_newton(
+    missing: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], x: np.ndarray
+) -> np.ndarray | None:
+    """The zero of a residual by Newton's method; None where a step does not make it smaller.
+
+    ``missing`` gives the residual and its derivative.
+    """
+    residual, tangent = missing(x)
+    size = np.abs(residual).max()
+    for _ in range(NEWTON_STEPS):
+        if size <= ROUNDED:
+            break
+        try:
+            following = x - np.linalg.solve(tangent, residual)
+        except np.linalg.LinAlgError:
+            return None
+        residual, tangent = missing(following)
+        before = size
+        size = np.abs(residual).max()
+        if not size < before:
+            return x if before <= ACCEPTED else None
+        x = following
+    return x if size <= ACCEPTED else None
 
 
 def _corners(name: str, given: Path | None) -> dict[str, tuple[float, ...]]:

@@ -51,7 +51,9 @@ def cells_of(mesh: Mesh, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """
     elements = getattr(mesh.ngmesh, f"Elements{dimension}D")().NumPy()
     nodes, region = (elements[name].astype(int) - 1 for name in ("nodes", "index"))
-    missing = max(0, 2**dimension - nodes.shape[1])
+    missing = 2**dimension - nodes.shape[1]
+    if missing <= 0:
+        return nodes, region
     return np.pad(nodes, ((0, 0), (0, missing)), constant_values=-1), region
 
 

@@ -190,11 +190,17 @@ def test_points_and_fields():
         Fields(result.problem, result.displacement, CF((half,) * 3))
 
 
-@pytest.mark.parametrize(
-    "mesh", [SQUARE, CUBE, block.mesh(0.5)], ids=["square", "cube", "tetrahedra"]
-)
-def test_points_beyond_the_boundary(mesh):
+UNIT_BODIES = {
+    "square": lambda: SQUARE,
+    "cube": lambda: CUBE,
+    "tetrahedra": lambda: block.mesh(0.5),
+}
+
+
+@pytest.mark.parametrize("body", UNIT_BODIES)
+def test_points_beyond_the_boundary(body):
     """One for each facet, outside the unit square or cube, and closer to it than a cell is wide."""
+    mesh = UNIT_BODIES[body]()
     points = points_beyond(mesh)
     outside = np.maximum(points - 1, -points).max(axis=1)
     assert len(points) == mesh.GetNE(BND)

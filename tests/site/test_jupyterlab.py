@@ -1,4 +1,7 @@
-"""The laboratory in JupyterLab and under voila: live, and the last picture is a solution."""
+"""The laboratory in JupyterLab and under voila: live, and the last picture is a solution.
+
+One server and one browser for both: voila is an extension of JupyterLab's server.
+"""
 
 import json
 import socket
@@ -41,23 +44,23 @@ def free_port():
         return found.getsockname()[1]
 
 
-@pytest.fixture
-def book(tmp_path):
+@pytest.fixture(scope="module")
+def book(tmp_path_factory):
     """A notebook with one cell, the laboratory."""
     cell = {"cell_type": "code", "execution_count": None, "id": "a", "metadata": {}}
     cell |= {"outputs": [], "source": CODE}
     kernel = {"kernelspec": {"display_name": "Python 3", "name": "python3"}}
     book = {"cells": [cell], "metadata": kernel, "nbformat": 4, "nbformat_minor": 5}
-    path = tmp_path / "page.ipynb"
+    path = tmp_path_factory.mktemp("book") / "page.ipynb"
     path.write_text(json.dumps(book))
     return path
 
 
 @contextmanager
-def serving(module, arguments, log):
-    """A server, from the moment that it says its address."""
+def serving(arguments, log):
+    """A server of JupyterLab, from the moment that it says its address."""
     with log.open("w") as out:
-        command = [sys.executable, "-m", module, "--no-browser", *arguments]
+        command = [sys.executable, "-m", "jupyterlab", "--no-browser", *arguments]
         server = subprocess.Popen(command, stdout=out, stderr=out)
     end = time.monotonic() + 120
     while "is running at" not in log.read_text() and time.monotonic() < end:
@@ -71,14 +74,21 @@ def serving(module, arguments, log):
         server.wait()
 
 
-@pytest.fixture
-def page(book):
-    """The address of the notebook in a JupyterLab of its own."""
+@pytest.fixture(scope="module")
+def here(book):
+    """The address of a server in the folder of the notebook."""
     port = free_port()
     given = OPTIONS | {"ServerApp.port": port, "ServerApp.root_dir": book.parent}
     flags = [f"--{name}={value}" for name, value in given.items()]
-    with serving("jupyterlab", flags, book.with_name("log")):
-        yield f"http://127.0.0.1:{port}/lab/tree/page.ipynb?reset"
+    with serving(flags, book.with_name("log")):
+        yield f"http://127.0.0.1:{port}"
+
+
+@pytest.fixture(scope="module")
+def tab():
+    """One browser; each visit opens a new tab."""
+    with Browser(1300, 900) as browser:
+        yield browser
 
 
 def drag_and_check(tab, seen, here):
@@ -100,28 +110,20 @@ def drag_and_check(tab, seen, here):
     assert [r for r in beyond if r.startswith("http")] == []
 
 
-def test_the_laboratory_is_live_in_jupyterlab(page):
-    here = page.split("/lab/")[0]
-    with Browser(1300, 900) as tab:
-        seen = tab.visit(page)
-        tab.wait_for(f"!!({OPENED})", 120)
-        tab.wait_for(f"{READY} === 'idle'", 120)
-        tab.evaluate("jupyterapp.commands.execute('notebook:run-all-cells'); 1")
-        tab.wait_for("!!document.querySelector('.ngepc-lab')", 120)
-        drag_and_check(tab, seen, here)
-        assert seen.errors == []
-        beyond = [r for r in seen.requests if not r.startswith(here)]
-        assert [r for r in beyond if r.startswith("http")] == []
+def test_the_laboratory_is_live_in_jupyterlab(here, tab):
+    seen = tab.visit(f"{here}/lab/tree/page.ipynb?reset")
+    tab.wait_for(f"!!({OPENED})", 120)
+    tab.wait_for(f"{READY} === 'idle'", 120)
+    tab.evaluate("jupyterapp.commands.execute('notebook:run-all-cells'); 1")
+    tab.wait_for("!!document.querySelector('.ngepc-lab')", 120)
+    drag_and_check(tab, seen, here)
+    assert seen.errors == []
+    beyond = [r for r in seen.requests if not r.startswith(here)]
+    assert [r for r in beyond if r.startswith("http")] == []
 
 
-def test_the_laboratory_is_live_under_voila(book):
+def test_the_laboratory_is_live_under_voila(here, tab):
     pytest.importorskip("voila", reason="pip install voila")
-    port = free_port()
-    arguments = [f"--port={port}", "--Voila.ip=127.0.0.1", str(book)]
-    with serving("voila", arguments, book.with_name("log")), Browser(1300, 900) as tab:
-        here = f"http://127.0.0.1:{port}"
-        seen = tab.visit(f"{here}/")
-        tab.wait_for("!!document.querySelector('.ngepc-lab input[name=load]')", 120)
-        drag_and_check(
-            tab, seen, here
-        )  # voila's own page asks the network for a script
+    seen = tab.visit(f"{here}/voila/render/page.ipynb")
+    tab.wait_for("!!document.querySelector('.ngepc-lab input[name=load]')", 120)
+    drag_and_check(tab, seen, here)  # voila's own page asks the network for a script
