@@ -62,12 +62,10 @@ def rows_of(matrix: csr_matrix, first: int, last: int) -> csr_matrix:
     start = matrix.indptr[first]
     entries = slice(start, matrix.indptr[last])
     starts = matrix.indptr[first : last + 1] - start
-    values = matrix.data[entries]
-    columns = matrix.indices[entries]
-    shape = (last - first, matrix.shape[1])
-    part = csr_matrix((values, columns, starts), shape=shape)
-    part.data = values  # SciPy copies views of larger arrays
-    part.indices = columns
+    part = csr_matrix((last - first, matrix.shape[1]))
+    part.indptr = starts
+    part.indices = matrix.indices[entries]  # SciPy's constructor would copy them
+    part.data = matrix.data[entries]
     return part
 
 

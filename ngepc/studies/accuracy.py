@@ -115,7 +115,8 @@ class Accuracy(OverMeshes):
         | to 1 % = {one} | finest error (%) = {finest:.2g} | steps there = {steps_there}"""
     note = (
         "CPU seconds of one thread; '-' where no mesh of the family reaches it. References: closed "
-        "forms, else order 2 on one more mesh. 'default' is ngepc with all defaults."
+        "form for the punch, a mesh refined at the contact for the sphere, else order 2 on one "
+        "more mesh. 'default' is ngepc with all defaults."
     )
 
     def cells(self) -> list[dict]:
@@ -191,7 +192,7 @@ class Accuracy(OverMeshes):
 
 @cache
 def reference(case: str) -> float:
-    """The closed form, or the number of order 2 on one finer mesh."""
+    """The known number of a case, else that of order 2 on one finer mesh."""
     data = CASES[case]
     if data.reference is not None:
         return data.reference
