@@ -9,10 +9,14 @@ from ngepc.model.elements import has_straight_simplices
 
 DIRECT = "sparsecholesky"
 
-MOST_BY_FACTORS = 4500
+MOST_BY_FACTORS = 3500
 MOST_BY_FACTORS_DENSE = 7000
 """Free components of displacements up to which factors are faster in three dimensions, as measured;
 the second number is for elements of order 2 that are no tetrahedra, whose rows are long."""
+
+MOST_BY_FACTORS_COULOMB = 4500
+"""The same for tetrahedra with Coulomb's friction, whose search for other equilibria has many
+solves."""
 
 MOST_BY_FACTORS_TRESCA = 1000
 """The same with Tresca's friction, under which the forces of all contact rows are unknowns."""
@@ -22,20 +26,22 @@ def fastest_solver(body: DiscreteProblem) -> str | Iterative:
     """The linear solver for ``NewtonOptions(inverse=None)``.
 
     Factors in the plane, where their cost grows little faster than the number of nodes, and for
-    small bodies in space.  Larger ones use multigrid: ``PETSc()`` where petsc4py is installed, else
-    ``PyAMG()``. Only PETSc covers meshes that processes share.
+    small bodies in space.  Larger ones use multigrid, ``PyAMG()``.  With Tresca's friction, for
+    which it needs fewer iterations, ``PETSc()`` takes its place where petsc4py is installed.  Only
+    PETSc covers meshes that processes share.
     """
     problem = body.problem
     if problem.processes.size > 1:
         return petsc.PETSc()
     if problem.N == 2:
         return DIRECT
-    fast = petsc.petsc is not None
-    if int(body.free.sum()) <= most_by_factors(body) or not (
-        fast or pyamg.pyamg is not None
-    ):
+    has_petsc = petsc.petsc is not None
+    has_pyamg = pyamg.pyamg is not None
+    small = int(body.free.sum()) <= most_by_factors(body)
+    if small or not (has_petsc or has_pyamg):
         return DIRECT
-    return petsc.PETSc() if fast else pyamg.PyAMG()
+    tresca = body.contact.friction.given.any()
+    return petsc.PETSc() if has_petsc and (tresca or not has_pyamg) else pyamg.PyAMG()
 
 
 def most_by_factors(body: DiscreteProblem) -> float:
@@ -47,7 +53,11 @@ def most_by_factors(body: DiscreteProblem) -> float:
     if body.contact.friction.given.any():
         return MOST_BY_FACTORS_TRESCA
     dense = problem.order == 2 and not has_straight_simplices(problem.mesh)
-    most = MOST_BY_FACTORS_DENSE if dense else MOST_BY_FACTORS
+    most = MOST_BY_FACTORS
+    if body.contact.friction.d:
+        most = MOST_BY_FACTORS_COULOMB
+    if dense:
+        most = MOST_BY_FACTORS_DENSE
     stiffest = float((body.law.bulk / body.law.two_mu).max())
     return most * max(1.0, stiffest) ** (1 / 3)
 

@@ -63,7 +63,8 @@ class Rigid:
 
     ``axis`` and ``top`` are the coordinates of the point of first contact, ``depth`` is the
     indentation.  The layer has ``cells`` cells over the ``span`` of each horizontal coordinate;
-    facets within ``reach`` may touch it.
+    facets within ``reach`` may touch it.  ``stiffness`` is CalculiX's contact stiffness over
+    Young's modulus.
     """
 
     radius: float
@@ -73,6 +74,7 @@ class Rigid:
     span: tuple[float, float]
     reach: float
     cells: int
+    stiffness: float
 
     @property
     def gap(self) -> CoefficientFunction:
@@ -86,7 +88,7 @@ class Rigid:
         return self.top + self.radius - np.sqrt(self.radius**2 - square)
 
 
-SPHERICAL = Rigid(10.0, 3e-3, 0.0, 1.0, (-0.015, 0.36), 0.36, 24)
+SPHERICAL = Rigid(10.0, 3e-3, 0.0, 1.0, (-0.015, 0.36), 0.36, 24, 500.0)
 
 
 SPHERE_FORCE = 0.40875
@@ -97,8 +99,13 @@ one more mesh of the family of this study it would be 0.4090 (tetrahedra) or 0.4
 """
 
 
-PUNCH = Rigid(25.0, 0.2, 30.0, 40.0, (19.5, 40.5), 41.0, 160)
-"""The metals of the block and of the first lecture."""
+PUNCH = Rigid(25.0, 0.2, 30.0, 40.0, (19.5, 40.5), 41.0, 160, 50.0)
+"""The rigid bodies of the block and of the first lecture.
+
+With the stiffness 50 the sphere on six bricks along an edge meets 0.8 percent less resistance than
+with 500, nearly the accuracy that is asked for, with 2000 0.16 percent more.  The punch changes by
+0.03 percent with 500, and takes 31 in place of 18 iterations on the second mesh.
+"""
 
 
 @dataclass(frozen=True)
