@@ -79,6 +79,7 @@ from ngepc.model.viscosity import Norton as Norton
 from ngepc.model.viscosity import RateLaw as RateLaw
 from ngepc.pictures.collapse import plot_bracket as plot_bracket
 from ngepc.pictures.collapse import plot_mechanism as plot_mechanism
+from ngepc.pictures.collapse import plot_residual_stress as plot_residual_stress
 from ngepc.pictures.curves import plot_curve as plot_curve
 from ngepc.pictures.curves import plot_history as plot_history
 from ngepc.pictures.export import export_vtu as export_vtu

@@ -29,7 +29,7 @@ from ngepc.limit.load import LimitRecord, limit_load
 from ngepc.limit.shakedown import shakedown_load
 from ngepc.model.problem import Problem
 from ngepc.pictures import live
-from ngepc.pictures.collapse import plot_bracket, plot_mechanism
+from ngepc.pictures.collapse import plot_bracket, plot_mechanism, plot_residual_stress
 from ngepc.pictures.monitors import progress_line
 from ngepc.pictures.report import standard_figures, write_report
 from ngepc.pictures.style import save_figure
@@ -245,6 +245,8 @@ def limit(args: argparse.Namespace) -> int:
         figures = {"bracket": plot_bracket(found)}
         if found.last.mechanism is not None:
             figures["mechanism"] = plot_mechanism(found)
+        if args.body in SHAKEDOWNS and found.last.stress is not None:
+            figures["residual"] = plot_residual_stress(found)
         name_written(saved_figures(figures, args.figures, args.body))
     return 0 if found.status.is_success else 1
 

@@ -263,8 +263,7 @@ class LimitLoad(Bracketed):
 
 def strongest(problem: Problem) -> float:
     """The unit of stress of ``LimitLoad.last``: the largest yield bound, as a power of two."""
-    bounds = limit_data(problem, growing_names(problem, None)).bound
-    return power_of_two(float(bounds.max()))
+    return power_of_two(float(limit_data(problem, ()).bound.max()))
 
 
 @one_blas_thread

@@ -15,7 +15,6 @@ from ngepc.bounds.simplices import FACETS
 from ngepc.limit.data import LimitData
 from ngepc.limit.repair import Projection
 from ngepc.limit.statics_proof import Defect, StressDefects
-from ngepc.limit.yielding import SLIP as SLIP
 from ngepc.limit.yielding import YieldShape
 from ngepc.linalg.conic import ConeProgram
 

@@ -60,11 +60,6 @@ class Defect:
     power: float
 
 
-def _lengths(values: Enclosed) -> np.ndarray:
-    """Bounds of the lengths of vectors along the last axis."""
-    return values.length()
-
-
 class StressDefects:
     """The defects of stresses on some cells.
 
@@ -100,18 +95,18 @@ class StressDefects:
         nominal, pressed = self._nominal(own.middle, factor)
         sign = cells.sign[:, :, None, None]
         of_cells = nominal.reshape(-1, N)[cells.slot] * sign
-        missed = _lengths(of_cells - own).max(axis=2)
+        missed = (of_cells - own).length().max(axis=2)
         load = Enclosed(data.force[STAYS]) + Enclosed(data.force[GROWS]) * factor
         load = load * outline.volumes[:, None]
         slopes = -outline.areas * Enclosed(1 / N, np.spacing(1 / N))
         divergence = (Enclosed(tensors) * slopes[:, :, None]).sum(axis=3).sum(axis=1)
-        inside = _lengths(divergence + load)
+        inside = (divergence + load).length()
         force, moment = self._residuals(of_cells, load)
-        through, pushed = self._carried(force, moment, pressed)
+        through = self._carried(force, moment, pressed)
         missed = (missed + through[cells.facet_of]).max(axis=1) * LARGER
         stress = self._factors() * np.maximum(missed, inside) * LARGER
         fastest = np.linalg.norm(data.motion, axis=2).max(axis=1)
-        power = float((fastest[cells.outer] * through[cells.outer]).sum()) + pushed
+        power = float((fastest[cells.outer] * through[cells.outer]).sum())
         return Defect(stress, power * LARGER)
 
     def _nominal(self, own: np.ndarray, factor: float) -> tuple[Enclosed, np.ndarray]:
@@ -169,15 +164,13 @@ class StressDefects:
         turned = turned.sum(axis=1) * weight
         middle = x.sum(axis=1) * Enclosed(1 / (N + 1), np.spacing(1 / (N + 1)))
         turned = turned + cross(middle, load)
-        return _lengths(force), _lengths(turned)
+        return force.length(), turned.length()
 
     def _carried(
         self, force: np.ndarray, moment: np.ndarray, pressed: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        """Forces at the vertices of facets that the way to supports needs, and their power."""
+    ) -> np.ndarray:
+        """Bounds of the forces at the vertices of facets that the way to supports needs, (nf,)."""
         cells = self.data.cells
-        tree = self.tree
-        pushed = 0.0
         extra = np.zeros(len(cells.facets))
         for part in self.loose:
             extra += self._supported(part, force, moment, pressed)
@@ -185,15 +178,18 @@ class StressDefects:
         np.add.at(force, owner, extra)
         arm = np.linalg.norm(self.middles - self.centres[owner], axis=1)
         np.add.at(moment, owner, extra * arm * LARGER)
-        through = _ways(tree, self.centres, self.middles, force, moment)
+        forces, moments = _ways(self.tree, self.centres, self.middles, force, moment)
+        return (forces + self._levers() * moments + extra) * LARGER
+
+    def _levers(self) -> np.ndarray:
+        """The factors of moments in step 2 times the size of the facet, (nf,)."""
+        cells = self.data.cells
         vertices = cells.points[cells.facets] - self.middles[:, None]
         reach = np.linalg.norm(vertices, axis=2).max(axis=1)
-        lever = LEVER[cells.N] * reach ** (2 * cells.N - 3)
-        lever = lever / (self.outline.sizes / LARGER**4) ** (cells.N - 1)
         if cells.N == 2:
-            lever = np.full(len(reach), 6.0) / (2 * reach) * LARGER
-        q = through[0] + lever * through[1]
-        return (q + extra) * LARGER, pushed
+            return LEVER[2] / (2 * reach) * LARGER
+        least = self.outline.sizes / LARGER**4
+        return LEVER[3] * reach**3 / least**2
 
     def _supported(
         self, part: int, force: np.ndarray, moment: np.ndarray, pressed: np.ndarray

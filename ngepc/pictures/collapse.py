@@ -1,4 +1,4 @@
-"""Pictures of limit loads: the collapse mechanism, its dissipation, the bounds by meshes."""
+"""Pictures of limit loads: mechanism, dissipation, residual stress, the bounds by meshes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.tri import Triangulation
 
 import ngepc.pictures.style as style
@@ -132,6 +133,51 @@ def draw_plane(axes: Axes, limit: LimitLoad, density: np.ndarray, top: float) ->
 
 
 @styled
+def plot_residual_stress(limit: ShakedownLoad, *, axes: Axes | None = None) -> Figure:
+    """Draw the residual stress of the lower bound: its deviator over the yield bound.
+
+    Stresses of the loads that vary are added to it; it remains when they are taken away.
+
+    Parameters
+    ----------
+    limit
+        A result of ``shakedown_load``.
+    axes
+        Axes to draw into; by default those of a new figure.
+
+    Returns
+    -------
+    Figure
+        The figure, also when ``axes`` were given.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For another object, or a result without a residual stress.
+    """
+    require_instance("limit", limit, ShakedownLoad, "the result of shakedown_load")
+    if limit.last.stress is None:
+        raise ValueError(f"limit has no residual stress: {limit.status.value}")
+    axes = axes_or_new(axes, (6.0, 4.2))
+    data = limit.last.data
+    cells = data.cells
+    capped = limit.last.stress.coordinates[..., limit.last.shape.free :]
+    used = np.linalg.norm(capped, axis=2) / data.bound[:, None]
+    corners = limit.length * cells.points[cells.nodes].reshape(-1, 2)
+    mesh = Triangulation(*corners.T, np.arange(len(corners)).reshape(-1, 3))
+    colours = axes.tripcolor(mesh, used.ravel(), shading="gouraud", vmin=0.0)
+    for ends in limit.length * cells.points[cells.facets[cells.outer]]:
+        axes.plot(*ends.T, color=style.OUTLINE, linewidth=0.8)
+    label = "deviator of the residual stress / yield bound"
+    axes.figure.colorbar(colours, ax=axes, label=label)
+    ends = " and ".join(outward(limit.lower, limit.upper, 5))
+    axes.set_title(f"factor of the loads that vary between {ends}")
+    axes.set(xlabel="x", ylabel="y", aspect="equal")
+    axes.grid(False)
+    return axes.figure
+
+
+@styled
 def plot_bracket(
     limit: LimitLoad | ShakedownLoad,
     exact: float | None = None,
@@ -173,6 +219,9 @@ def plot_bracket(
     if exact is not None:
         axes.axhline(exact, color=style.GUIDE, linewidth=0.8, label=f"{exact:.5g}")
     axes.set(xscale="log", xlabel="unknowns of both programs", ylabel="load factor")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:,.0f}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.legend()
     return axes.figure
 

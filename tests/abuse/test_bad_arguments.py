@@ -118,6 +118,7 @@ RAMP = load_cycle(FREE, [1.0])
 CURVE = {"schedule": RAMP, "functional": "primal_energy", "measured": [-0.2]}
 HISTORY = ngepc.evolve(FREE, RAMP)
 LIMIT = ngepc.limit_load(FREE, 0.9, max_cells=200)
+CYCLES = ngepc.shakedown_load(FREE, [{"load": 1.0}], 0.9, max_cells=200)
 WORK = ngepc.LoadWork(body_force=(0.0, 1.0))
 VERDICT = {"at_most": NUMBERS, "at_least": NUMBERS, "seconds": POSITIVE}
 SHORT_PATH = PathOptions(gamma_start=1.0, growth=10.0, gamma_end=1.0)
@@ -298,6 +299,7 @@ USES = {
     ),
     "plot_bracket": Use(ngepc.plot_bracket, {"limit": LIMIT}, {"exact": NUMBERS}),
     "plot_mechanism": Use(ngepc.plot_mechanism, {"limit": LIMIT}),
+    "plot_residual_stress": Use(ngepc.plot_residual_stress, {"limit": CYCLES}),
     "lab": Use(lambda problem: ngepc.lab(problem, load=(0, 1)), {"problem": PROBLEM}),
     "plot_active_sets": Use(plot_active_sets, {"result": DUAL}, DRAWN),
     "plot_history": Use(plot_history, {"histories": DUAL.history}),

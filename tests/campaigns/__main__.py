@@ -3,8 +3,8 @@
 ``PYTHONPATH=tests python -m campaigns --out results fuzz --count 100 --seed 1``, or ``robustness
 --rows "usual,gamma 1e+06"``, or ``crossings --rows "order 2,friction"``, or ``derivatives``,
 or ``hidden --count 400``, or ``equilibria``, or ``cones``, or ``receipts``, ``intervals``,
-``proximal``, ``verdicts``, or ``foreign --beds FOLDER`` with what ``campaigns.beds`` gathers, or
-``mutants``.
+``limits``, ``shakedown``, ``proximal``, ``verdicts``, or ``foreign --beds FOLDER`` with what
+``campaigns.beds`` gathers, or ``mutants``.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from campaigns.mutants import Mutants
 from campaigns.proximal import ProximalSteps
 from campaigns.receipts import Receipts
 from campaigns.robustness import Robustness
+from campaigns.shakedown import Shakedowns
 from ngsolve import SetNumThreads
 
 
@@ -87,9 +88,13 @@ def arguments():
     answers.add_argument("--count", type=int, default=Verdicts.count)
     answers.add_argument("--seed", type=int, default=Verdicts.seed)
     limits = campaigns.add_parser("limits", help="limit loads of random bodies")
-    limits.set_defaults(kind=Limits, options=("count", "seed"))
+    limits.set_defaults(kind=Limits, options=("count", "solids", "seed"))
     limits.add_argument("--count", type=int, default=Limits.count)
+    limits.add_argument("--solids", type=int, default=Limits.solids)
     limits.add_argument("--seed", type=int, default=Limits.seed)
+    varying = campaigns.add_parser("shakedown", help="loads that vary, known factors")
+    varying.set_defaults(kind=Shakedowns, options=("width",))
+    varying.add_argument("--width", type=float, default=Shakedowns.width)
     steps = campaigns.add_parser("proximal", help="limit loads by proximal steps")
     steps.set_defaults(kind=ProximalSteps, options=("count",))
     steps.add_argument("--count", type=int, default=ProximalSteps.count)

@@ -86,12 +86,17 @@ def test_limit_loads_by_the_command_line(tmp_path, capsys):
     cycles = json.loads(capsys.readouterr().out)
     assert cycles["guaranteed"]
     assert cycles["lower"] <= 1 <= cycles["upper"]
-    words = ["limit", "cut", "--max-cells", "60", "--figures", str(tmp_path)]
+    words = ["limit", "bree-hot", "--quiet", "--figures", str(tmp_path / "bree")]
+    assert main(words) == 0
+    names = {path.name for path in (tmp_path / "bree").iterdir()}
+    kinds = ("bracket", "mechanism", "residual")
+    assert names == {f"bree-hot_{kind}.png" for kind in kinds}
+    words = ["limit", "cut", "--max-cells", "60", "--figures", str(tmp_path / "cut")]
     assert main(words) == 1
     out, err = capsys.readouterr()
     assert "but max_cells forbids it" in out
     assert "elements: " in err
-    names = {path.name for path in tmp_path.iterdir()}
+    names = {path.name for path in (tmp_path / "cut").iterdir()}
     assert names == {"cut_bracket.png", "cut_mechanism.png"}
 
 

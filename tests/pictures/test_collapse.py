@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
-from ngepc import limit_load, plot_bracket, plot_mechanism
+from ngepc import (
+    limit_load,
+    plot_bracket,
+    plot_mechanism,
+    plot_residual_stress,
+    shakedown_load,
+)
 from ngepc.checks.sentences import outward
 from ngepc.pictures.collapse import moved_corners, shades
 from ngepc.studies.limit_problems import cut_problem, punch_problem
+from ngepc.studies.shakedown_problems import bree_problem, bree_vertices
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +52,20 @@ def test_a_solid_goes_down_under_its_punch():
     assert 0 < darkest <= density.max()
     image = plot_mechanism(solid).axes[0].images[0].get_array()
     assert np.ptp(image[..., :3].min(axis=2)) > 100
+
+
+def test_the_residual_stress_of_a_heated_plate():
+    """Where it alternates between -1 and 1 at both faces, half of it remains: |dev| is (2/3)^(1/2).
+
+    The residual stress is -Y y / 2 = -y on the plate, over the yield stress of a bar.
+    """
+    plate = shakedown_load(bree_problem(), bree_vertices(0.0, 2.0))
+    axes = plot_residual_stress(plate).axes[0]
+    values = axes.collections[0].get_array()
+    assert values.max() == pytest.approx(1.0, rel=1e-3)
+    assert axes.collections[0].get_clim()[0] == 0
+    with pytest.raises(TypeError, match="limit=3: the result of shakedown_load"):
+        plot_residual_stress(3)
 
 
 def test_what_cannot_be_drawn_is_refused():
