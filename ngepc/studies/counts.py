@@ -130,7 +130,8 @@ class Table1(CountTable):
     paper = TABLE_1
     about = (
         "The paper's method starts from the prolongated solution on 417 nodes, rows with * from "
-        "the next coarser mesh."
+        "the next coarser mesh. The paper does not say which start gives its counts at 1e2 and "
+        "1e3 (docs/reading.md)."
     )
 
 
