@@ -20,7 +20,7 @@ from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
 from ngepc.model.hardening import HardeningLaw
 from ngepc.model.hill import Hill
-from ngepc.model.material import PEEQ, Material
+from ngepc.model.material import Material
 from ngepc.model.places import Coulomb, Roller, values_at
 from ngepc.model.problem import Problem
 from ngepc.model.viscosity import RateLaw
@@ -132,7 +132,7 @@ def describe_problem(problem: Problem, units: UnitNames = PLAIN) -> Rows:
         row("mesh", f"{mesh.nv} nodes, {elements}"),
         row("kinematics", problem.kinematics.name),
     ]
-    rows += describe_material(problem.material, units)
+    rows += describe_material(problem.material, units, problem.kinematics.size)
     return (
         rows
         + _supports(problem, units)
@@ -141,8 +141,13 @@ def describe_problem(problem: Problem, units: UnitNames = PLAIN) -> Rows:
     )
 
 
-def describe_material(material: Material, units: UnitNames = PLAIN) -> Rows:
-    """A material as it was given, with E and Poisson's ratio where it was given otherwise."""
+def describe_material(
+    material: Material, units: UnitNames = PLAIN, size: int = 3
+) -> Rows:
+    """A material as it was given, with E and Poisson's ratio where it was given otherwise.
+
+    ``size`` is the number of rows of a stress tensor.
+    """
     stress = unit_of(units, "stress")
     if material.data_sheet:
         return [_given(name, v, units) for name, v in material.data_sheet.items()]
@@ -151,7 +156,7 @@ def describe_material(material: Material, units: UnitNames = PLAIN) -> Rows:
         row("Lamé parameter λ", amount(lame_lambda, stress)),
         row("Lamé parameter μ", amount(lame_mu, stress)),
     ]
-    if is_number(lame_lambda) and is_number(lame_mu):
+    if size == 3 and is_number(lame_lambda) and is_number(lame_mu):
         total = lame_lambda + lame_mu
         young = lame_mu * (3 * lame_lambda + 2 * lame_mu) / total
         rows.append(row("Young's modulus E", number(young, stress)))
@@ -159,8 +164,8 @@ def describe_material(material: Material, units: UnitNames = PLAIN) -> Rows:
     bound = material.yield_stress
     rows.append(row("yield bound of |dev σ|", amount(bound, stress)))
     if is_number(bound):
-        words = "the same as the stress of a tensile test"
-        rows.append(row(words, number(bound / PEEQ, stress)))
+        share = math.sqrt((size - 1) / size)  # |dev sigma| over the tension of a bar
+        rows.append(row(GIVEN["yield_stress"][0], number(bound / share, stress)))
     others = {
         "kinematic hardening modulus": material.hardening,
         "isotropic hardening, h": material.isotropic_hardening,

@@ -141,6 +141,10 @@ def test_a_material_is_described_as_it_was_given():
     assert said["Young's modulus E"] == "2500"
     assert said["Poisson's ratio"] == "0.25"
     assert said["yield bound of |dev σ|"] == "1.25"
+    assert said["yield stress R of a tensile test"] == "1.5309"  # (3/2)^(1/2) 1.25
+    said = {r["quantity"]: r["value"] for r in describe_material(lame, size=2)}
+    assert said["yield stress R of a tensile test"] == "1.7678"  # 2^(1/2) 1.25
+    assert "Young's modulus E" not in said
 
 
 def test_numbers_are_written_as_engineers_write_them():
