@@ -41,13 +41,11 @@ class Effort:
     """Limits of the search for the best stress.
 
     The first solve uses the tangent at the discrete stress.  At most ``newton`` Newton steps
-    follow; none if the bound exceeds the tangent's prediction by less than the fraction ``trust``.
-    Conjugate gradients stop at a step that lowers the bound by less than the fraction ``gain``, and
-    after at most ``steps`` steps.
+    follow.  Conjugate gradients stop at a step that lowers the bound by less than the fraction
+    ``gain``, and after at most ``steps`` steps.
     """
 
     newton: int = 2
-    trust: float = 0.03
     gain: float = 0.1
     steps: int = 12
 

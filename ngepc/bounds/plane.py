@@ -20,14 +20,26 @@ from ngepc.bounds.simplices import Simplices, marked, sliced
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
-# a step of the search of the adjoint must lower its bound by this fraction
 ADJOINT_GAIN = 0.02
-MOST_STEPS = 40  # of the adjoint's search
-SHORTEST = 1e-3  # shortest step length
-LOCALLY = 0.3  # Newton steps use this fraction of ``gain``: they are cheap where little yields
-# Newton steps are restricted to the triangles with this share of the remainder of the tangent
+"""A step of the search of the adjoint must lower its bound by this fraction."""
+
+MOST_STEPS = 40
+"""Largest number of steps of the adjoint's search."""
+
+SHORTEST = 1e-3
+"""Shortest step length."""
+
+TRUST = 0.03
+"""Newton steps are made if the bound exceeds the tangent's prediction by a larger fraction."""
+
+LOCALLY = 0.3
+"""Newton steps use this fraction of ``gain``: they are cheap where little yields."""
+
 BROKEN = 0.9
-RINGS = 9  # and to so many rings of triangles around them
+"""Newton steps are restricted to the triangles with this share of the tangent's remainder."""
+
+RINGS = 9
+"""... and to so many rings of triangles around them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +221,7 @@ def tightened(
         remainder = model.remainder(part, z[there])
         bound = promised + remainder.sum()
         gain = LOCALLY * effort.gain
-        if remainder.sum() <= effort.trust * bound:
+        if remainder.sum() <= TRUST * bound:
             break
         worst = np.arange(len(z))[there][marked(np.abs(remainder), BROKEN)]
         there = cells.around(worst, RINGS)

@@ -109,22 +109,22 @@ class InexactTarget:
         """
         contact = self._contact
         processes = self._contact.processes
-        scale = (
-            accuracy * here.residual_norm * here.force_scale
-            if contact.friction.d
-            else 0.0
-        )
+        scale = 0.0
+        if contact.friction.d:
+            scale = accuracy * here.residual_norm * here.force_scale
         at = ContactResponse(np.zeros(here.u.size), here.contact, here.gaps)
         active = here.multipliers > 0
-        active = (
-            active if processes.any(active) else here.open_gap < 0
-        ) | contact.rows.tied
+        if not processes.any(active):
+            active = here.open_gap < 0
+        active = active | contact.rows.tied
         out_of_balance = (here.body.load - here.internal_forces).ravel()
         for number in range(SETS):
             c = SOFT[number // PATIENCE % len(SOFT)] * here.discrete.row_stiffness
-            closed = processes.together(
-                partial(self._closed, active, at.forces - c * at.gaps, c)
-            )
+            trial_forces = at.forces - c * at.gaps
+            projection = partial(self._closed, active, trial_forces, c)
+            closed = processes.together(projection)
+
+            # Newton's model with these rows closed: u = fixed + what the rows allow.
             multiply = closed.stiffened(tangent.multiply)
             fixed = closed.moved(here.gaps[closed.numbers])
             loads = out_of_balance - closed.slipping(here.gaps)
@@ -133,10 +133,11 @@ class InexactTarget:
             scale = scale or accuracy * processes.norm(right)
             change = fixed + tangent.minimise(closed, right, start, scale)
             gaps = here.gaps - contact.matrix @ change
-            found = ContactResponse(
-                change, closed.forces(loads - multiply(change), gaps), gaps
-            )
+            forces = closed.forces(loads - multiply(change), gaps)
+            found = ContactResponse(change, forces, gaps)
             at, whole = self._shortened(at, found, c) if number else (found, True)
+
+            # The rows that press by these forces and gaps are closed in the next set.
             pressing = contact.normal(at.forces - c * at.gaps)
             rounding = contact.normal(c) * here.touching_distance
             closes = (pressing > np.where(active, 0.0, rounding)) | contact.rows.tied

@@ -102,33 +102,47 @@ class Closed:
         self._bound = bound.ravel()
         self._stiffness = stiffness
         self._m = m
-        self._tangential = T = rows.tangential[: sticks.size]
-        places = np.arange(slant.size), np.arange(m + 1) * slant.shape[1]
-        self._slant = csr_matrix((slant.ravel(), *places), shape=(m, slant.size))
+        tangential = rows.tangential[: sticks.size]
+        self._tangential = tangential
+
+        # The friction of a row that slips follows its normal force, one matrix row for each.
+        columns = np.arange(slant.size)
+        starts = np.arange(m + 1) * slant.shape[1]
+        by_row = (slant.ravel(), columns, starts)
+        self._slant = csr_matrix(by_row, shape=(m, slant.size))
         self.slanted = bool(slant.any())
+
+        # The held rows: normal ones of closed rows, tangential ones of rows that stick.
         closed = np.flatnonzero(active)
         sticking = np.flatnonzero(sticks)
         self.numbers = np.append(closed, m + sticking)
         of_tangents = np.repeat(rows.nodes, sticks.shape[1])
         self._nodes = np.append(rows.nodes[closed], of_tangents[sticking])
         normal = rows.normal[closed]
-        held = T[sticking]
-        self.rows = vstack([normal, held]).multiply(self.free).tocsr()
-        pushed = vstack([normal + self._slant[closed] @ T, held])
-        pushed = pushed.multiply(self.free).tocsr()
+        stuck = tangential[sticking]
+        self.rows = vstack([normal, stuck]).multiply(self.free).tocsr()
+        oblique = normal + self._slant[closed] @ tangential
+        pushed = vstack([oblique, stuck]).multiply(self.free).tocsr()
 
+        self._find_own(of_tangents)
+        has_own_nodes = not body.problem.contact_pairs  # rows at the nodes of edges
+        between = (self._nodes >= body.problem.mesh.nv) & has_own_nodes
+        self._eliminate(pushed, between)
+
+    def _eliminate(self, pushed: csr_matrix, between: np.ndarray) -> None:
+        """Rows of vertices are eliminated first, then those of nodes ``between`` vertices."""
+        at_vertices = np.flatnonzero(~between)
+        self._at_vertices = EliminatedRows(self.rows, pushed, at_vertices)
+        parts = (self.rows, pushed, np.flatnonzero(between))
+        self._between = EliminatedRows(*parts, self._nodes, self._N)
+
+    def _find_own(self, of_tangents: np.ndarray) -> None:
+        """Which held rows and tangents, by their nodes, this process counts."""
         own = self._processes.owned(self._nodes)
         self._mine = np.zeros(len(self._nodes), dtype=bool)
         self._mine[own] = True
-        self._my_tangents = np.zeros(T.shape[0])
+        self._my_tangents = np.zeros(len(of_tangents))
         self._my_tangents[self._processes.owned(of_tangents)] = 1.0
-
-        between = self._nodes >= body.problem.mesh.nv
-        if body.problem.contact_pairs:
-            between[:] = False  # their rows have no node of their own
-        self._at_vertices = EliminatedRows(self.rows, pushed, np.flatnonzero(~between))
-        parts = self.rows, pushed, np.flatnonzero(between)
-        self._between = EliminatedRows(*parts, self._nodes, self._N)
 
     def moved(self, amounts: np.ndarray) -> np.ndarray:
         """A displacement of nodes at the held rows that moves these by some amounts."""
@@ -184,13 +198,13 @@ class Closed:
 
     def _balancing(self, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Forces of the held rows that balance nodal forces at their nodes, and the residual."""
-        left = self.free * forces
-        between = self._between.pushing(left)
+        residual = self.free * forces
+        between = self._between.pushing(residual)
         pushed = self._between.pushed @ (self._mine * between)
-        left = left - self._gathered(pushed)
-        at_vertices = self._at_vertices.pushing(left)
-        left = left - self._at_vertices.pushed @ at_vertices
-        return between + at_vertices, left
+        residual = residual - self._gathered(pushed)
+        at_vertices = self._at_vertices.pushing(residual)
+        residual = residual - self._at_vertices.pushed @ at_vertices
+        return between + at_vertices, residual
 
     def pins(self, N: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes of closed rows, and projections onto the free directions there, (k, N, N).
