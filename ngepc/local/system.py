@@ -97,17 +97,23 @@ class DiscreteProblem(DiscreteBody):
         springs = self.supports.stiffness.diagonal().reshape(diagonal.shape)
         return diagonal + self.problem.nodal_processes.summed(springs)
 
+    def law_at(self, u: np.ndarray) -> Return:
+        """The law at the strain of displacements."""
+        return self.law.returned(*self.law.beyond_initial(*self.points.strain(u)))
+
     def state(
         self,
         u: np.ndarray,
         yielding: np.ndarray | None = None,
         contact: np.ndarray | None = None,
+        at: Return | None = None,
     ) -> State:
         """The state with displacements ``u``; w = r s/|s| and no contact forces by default.
 
-        A given w is projected onto |w| <= r(|s|).
+        A given w is projected onto |w| <= r(|s|).  ``at`` is the law at the strain of ``u``, if it
+        is known.
         """
-        at = self.law.returned(*self.law.beyond_initial(*self.points.strain(u)))
+        at = self.law_at(u) if at is None else at
         yielding = self.law.yielding_part(at) if yielding is None else yielding
         contact = np.zeros(len(self.contact)) if contact is None else contact
         return State(self, u, self.law.projected(yielding, at), contact, at)
@@ -151,7 +157,7 @@ class State(Iterate):
     def along(self, change: np.ndarray) -> tuple[Callable, Callable]:
         """The work of the stress at u + t du times du, and the state there, see ``Iterate``.
 
-        Strains are affine in t; w moves along.
+        w moves along.  The law is evaluated once for a length t that is asked for twice in a row.
         """
         law = self.discrete.law
         points = self.discrete.points
@@ -160,13 +166,20 @@ class State(Iterate):
         pull = supports.pull(change)
         dot = points.processes.dot
         start, rise = dot(pull, self.u), dot(pull, change)
+        latest = {}
+
+        def at(t: float) -> Return:
+            """The law at u + t du."""
+            if t == 0.0:
+                return self.at
+            if t not in latest:
+                latest.clear()
+                latest[t] = self.discrete.law_at(self.u + t * change)
+            return latest[t]
 
         def work(t: float) -> float:
             """The derivative of the energy along the step."""
-            there = self.at
-            if t != 0.0:
-                there = law.returned(self.volume + t * volume, self.deviator + t * e)
-            mean, stress = law.stress(there)
+            mean, stress = law.stress(at(t))
             power = mean * volume + np.einsum("pd,pd->p", stress, e)
             return points.integral(power) + start + t * rise
 
@@ -174,7 +187,7 @@ class State(Iterate):
             """The state at a step length."""
             w = law.linearised(self.at, self.yielding, volume, e)
             w = self.yielding + t * (w - self.yielding)
-            return self.discrete.state(self.u + t * change, w, contact)
+            return self.discrete.state(self.u + t * change, w, contact, at(t))
 
         return work, moved
 
