@@ -98,7 +98,10 @@ OPTIONS = {
         "refine until (upper - lower) / lower is at most X; default 0.01",
         0.01,
     ),
-    "--max-cells N": (count, "largest number of elements, default 10000", 10_000),
+    "--max-cells N": (
+        count,
+        "largest number of elements; default: 10000 triangles or 2000 tetrahedra",
+    ),
     "--error TOL": (
         positive,
         "refine the mesh until the relative energy error is below TOL",

@@ -53,8 +53,8 @@ AIM = 0.9
 EXPECTED = 0.7
 """Expected relative decrease of the gap in cells that are cut."""
 
-MAX_CELLS = 10_000
-"""Default of the largest number of cells."""
+MAX_CELLS = {2: 10_000, 3: 2_000}
+"""Default of the largest number of cells in the plane and in space, about a minute."""
 
 FINISHED = 1.5
 """Velocities of the last degree are used once the width is this multiple of the tolerance."""
@@ -272,7 +272,7 @@ def limit_load(
     relative_width: float = 0.01,
     growing: Sequence[str] | None = None,
     *,
-    max_cells: int = MAX_CELLS,
+    max_cells: int | None = None,
     monitor: Callable[[LimitRecord], None] | None = None,
 ) -> LimitLoad:
     """The load factor at which a perfectly plastic body collapses, between guaranteed bounds.
@@ -294,7 +294,7 @@ def limit_load(
         boundaries whose prescribed displacement is other than zero; the others stay as they are.
         None for all tractions, pressures and body forces, without any all supports that move.
     max_cells
-        No mesh gets more elements.
+        No mesh gets more elements; None for 10 000 triangles or 2 000 tetrahedra.
     monitor
         Called with the record of each mesh; raising StopIteration ends the run.
 
@@ -323,7 +323,8 @@ def check_search(
     """Check the arguments that limit loads and shakedown loads share."""
     require_instance("problem", problem, Problem, "a Problem")
     require_number("relative_width", relative_width, 0, strict=True)
-    require_integer("max_cells", max_cells, 1)
+    if max_cells is not None:
+        require_integer("max_cells", max_cells, 1)
     require_function("monitor", monitor, "a record", optional=True)
 
 
@@ -358,11 +359,12 @@ class Search:
     def run(
         self,
         tolerance: float,
-        max_cells: int,
+        max_cells: int | None,
         monitor: Callable[[LimitRecord], None] | None,
     ) -> LimitStatus:
         """Solve and cut cells until the relative width is at most the tolerance."""
         self.tolerance = tolerance
+        most = max_cells or MAX_CELLS[self.mesh.dim]
         while True:
             precision = min(COARSEST, PRECISE * tolerance)
             self.last, self.centre = self.solved(precision)
@@ -381,7 +383,7 @@ class Search:
                 return LimitStatus.UNLIMITED
             if width_of(self.lower, self.upper) <= tolerance:
                 return LimitStatus.REACHED
-            if not self.refine(max_cells):
+            if not self.refine(most):
                 weak = self.centre is None
                 return LimitStatus.TOO_WEAK if weak else LimitStatus.MESH_LIMIT
 

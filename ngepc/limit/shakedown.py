@@ -26,7 +26,6 @@ from ngepc.limit.data import LimitData, power_of_two
 from ngepc.limit.elastic import EXACT, INITIAL_STRAIN, elastic_stress, without_loads
 from ngepc.limit.fields import stress_function, velocity_function
 from ngepc.limit.load import (
-    MAX_CELLS,
     Bracketed,
     LimitRecord,
     LimitStatus,
@@ -169,7 +168,7 @@ def shakedown_load(
     vertices: Ranges | Vertices,
     relative_width: float = 0.01,
     *,
-    max_cells: int = MAX_CELLS,
+    max_cells: int | None = None,
     monitor: Callable[[LimitRecord], None] | None = None,
 ) -> ShakedownLoad:
     """The factor of loads that vary below which a perfectly plastic body shakes down.
@@ -197,7 +196,7 @@ def shakedown_load(
     relative_width
         (upper - lower) / lower that is wanted, > 0.
     max_cells
-        No mesh gets more elements.
+        No mesh gets more elements; None for 10 000 triangles.
     monitor
         Called with the record of each mesh; raising StopIteration ends the run.
 
@@ -236,7 +235,7 @@ def collapse_bounds(
     problem: Problem,
     vertices: Sequence[Mapping[str, float]],
     relative_width: float,
-    max_cells: int,
+    max_cells: int | None,
 ) -> tuple[float, float]:
     """Guaranteed bounds of the smallest limit load of the vertices, infinite without forces."""
     varying = {name for corner in vertices for name in corner}

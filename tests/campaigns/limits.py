@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from campaigns.random_limits import problem, solid_problem
-from ngsolve import CF
+from ngsolve import CF, Mesh
 
 from ngepc import semismooth_newton
 from ngepc.limit.bisection import split_corners
@@ -48,6 +48,20 @@ def displaced(body, names, factor):
     return float(np.abs(np.array(result.displacement.vec)).max())
 
 
+def displacements(body, names, lower, upper):
+    """The largest displacements below and beyond the bounds.
+
+    A body that does not collapse on its own mesh, where single elements may lock, gets a finer one.
+    """
+    below = displaced(body, names, BELOW * lower)
+    beyond = displaced(body, names, BEYOND * upper)
+    if beyond < COLLAPSES * below:
+        body.mesh.ngmesh.Refine()
+        finer = body.changed(mesh=Mesh(body.mesh.ngmesh))
+        beyond = displaced(finer, names, BEYOND * upper)
+    return {"below": below, "beyond": beyond}
+
+
 @dataclass(eq=False)
 class Limits(Work):
     """Brackets of random bodies on one mesh, with corners cut; in the plane of degree three."""
@@ -70,6 +84,7 @@ class Limits(Work):
     def solve(self, N, number):
         body, growing = MAKERS[N](number)
         names = growing_names(body, growing)
+        elements = body.mesh.ne
         data, unit = limit_data(body, names).without_units()
         data = data.on(*split_corners(data))
         shape = SHAPES[body.kinematics.name]
@@ -78,9 +93,8 @@ class Limits(Work):
         upper = found.upper * unit
         numbers = {"lower": lower, "upper": upper}
         if lower > 0 and math.isfinite(upper):
-            numbers["below"] = displaced(body, names, BELOW * lower)
-            numbers["beyond"] = displaced(body, names, BEYOND * upper)
-        return {**numbers, "elements": body.mesh.ne, "words": "/".join(found.words)}
+            numbers |= displacements(body, names, lower, upper)
+        return {**numbers, "elements": elements, "words": "/".join(found.words)}
 
     def succeeded(self, records):
         return not crossed(records) and not carried(records)
