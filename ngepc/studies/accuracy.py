@@ -1,11 +1,13 @@
-"""Time to a given accuracy of a number, by default options, compared with CalculiX.
+"""Time to a given accuracy of a number, by default options, beside CalculiX and GetFEM.
 
 Each problem has one number of interest: a limit load, a force, a deflection.  Each program solves
 it on a sequence of meshes.  The table has the processor time (one thread) at which the error of the
 number falls to 5 and to 1 percent, interpolated between meshes in logarithms.  ngepc runs with all
 its defaults.  CalculiX has the elements that its manual recommends, increments of its own choice,
-and isotropic hardening.  Times of ngepc do not include the generation of the mesh; those of
-CalculiX are the whole run of ``ccx``.
+and isotropic hardening.  GetFEM solves the problems without contact, with quadratic simplices, the
+displacement as the only unknown, and the fastest of its line searches and numbers of increments.
+Times of ngepc and GetFEM do not include the generation of the mesh; those of CalculiX are the whole
+run of ``ccx``.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from ngepc.local.pyamg import PyAMG
 from ngepc.methods.newton import semismooth_newton
 from ngepc.model.problem import Problem
 from ngepc.results.options import NewtonOptions
-from ngepc.studies import calculix
+from ngepc.studies import by_getfem, calculix
 from ngepc.studies.accuracy_cases import CASES, Case
 from ngepc.studies.accuracy_decks import deck_of
 from ngepc.studies.work import OverMeshes
@@ -39,8 +41,9 @@ PROGRAMS = (
     "order 2, PyAMG",
     "ccx",
     "ccx, bricks",
+    "GetFEM",
 )
-"""ngepc by default and by own choices; CalculiX on the same meshes; both on those of bricks."""
+"""ngepc by default and by own choices; CalculiX and GetFEM on the same meshes; both on bricks."""
 
 BRICKS = ", bricks"
 
@@ -89,6 +92,28 @@ def by_calculix(case: Case, bricks: bool, level: int) -> dict:
     }
 
 
+def can_run(program: str, case: Case) -> bool:
+    """Whether a program is installed, and the study has the case for it."""
+    if program.startswith("ccx"):
+        return calculix.available()
+    if program == "GetFEM":
+        return "contact" not in case.loads and by_getfem.interpreter() is not None
+    return True
+
+
+def runs_by_getfem(case: Case, levels: int) -> list[dict]:
+    """The same by GetFEM on all meshes up to the first one on which it fails."""
+    runs = []
+    increments = 1
+    for level in range(levels):
+        found = by_getfem.best_run(case, case.mesh(level, True), increments)
+        if found is None:
+            break
+        increments = found["increments"]
+        runs.append({"status": "converged", **found})
+    return runs
+
+
 def time_to(errors: Sequence[float], times: Sequence[float], wanted: float) -> float:
     """The time from which on the error is at most ``wanted``; inf if there is none."""
     good = [error <= wanted for error in errors]
@@ -124,10 +149,8 @@ class Accuracy(OverMeshes):
         found = []
         for case, data in CASES.items():
             for program in PROGRAMS:
-                of_bricks = program.endswith(BRICKS)
-                if program.startswith("ccx") and not calculix.available():
-                    continue
-                if not (of_bricks and data.levels[1] == 0):
+                has_meshes = data.levels[program.endswith(BRICKS)] > 0
+                if has_meshes and can_run(program, data):
                     found.append({"case": case, "program": program})
         return found
 
@@ -137,7 +160,11 @@ class Accuracy(OverMeshes):
         bricks = program.endswith(BRICKS)
         exact = reference(case)
         runs = []
-        for level in range(min(self.levels, data.levels[bricks])):
+        levels = min(self.levels, data.levels[bricks])
+        if program == "GetFEM":
+            runs = runs_by_getfem(data, levels)
+            levels = 0
+        for level in range(levels):
             if program.startswith("ccx"):
                 runs.append(by_calculix(data, bricks, level))
             else:

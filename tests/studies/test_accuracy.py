@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
-from ngepc.studies import calculix
-from ngepc.studies.accuracy import Accuracy, by_calculix, by_ngepc, shown_time, time_to
+from ngepc.studies import by_getfem, calculix
+from ngepc.studies.accuracy import (
+    Accuracy,
+    by_calculix,
+    by_ngepc,
+    runs_by_getfem,
+    shown_time,
+    time_to,
+)
 from ngepc.studies.accuracy_cases import CASES
 from ngepc.studies.accuracy_decks import deck_of
 from ngepc.studies.calculix import CORNER_EDGES, FACES, QuadraticMesh
@@ -82,6 +89,29 @@ def test_two_programs_agree(case, bricks, tolerance):
     assert ours["value"] == pytest.approx(theirs["value"], rel=tolerance)
 
 
+@pytest.mark.skipif(by_getfem.interpreter() is None, reason="no Python with GetFEM")
+def test_getfem_agrees():
+    """The same law and the same points on the same triangles; one increment."""
+    case = CASES["Cook's membrane"]
+    ours = by_ngepc(case, "default", 0)
+    (theirs,) = runs_by_getfem(case, 1)
+    assert theirs["increments"] == 1
+    assert theirs["value"] == pytest.approx(ours["value"], rel=5e-3)
+
+
+def test_arrays_for_getfem_are_those_of_the_case():
+    case = CASES["notched tension"]
+    mesh = case.mesh(0, True)
+    data = by_getfem.arrays_of(case, mesh)
+    names = list(mesh.GetBoundaries())
+    assert data["asked"] == names.index("top")
+    assert data["values"].tolist() == [[0, 0], [0, 0], [0, 0.03]]
+    assert data["fixed"].tolist() == [[0, 1], [1, 0], [0, 1]]
+    highest = data["points"][:, 1].max()
+    top = data["middles"][data["numbers"] == names.index("top")]
+    assert top[:, 1] == pytest.approx(highest)
+
+
 def test_decks_of_all_cases_are_written():
     for case in CASES.values():
         lines = deck_of(case, case.mesh(0, True)).lines
@@ -99,8 +129,9 @@ def test_times_are_read_off_between_meshes():
     assert shown_time(math.inf) == "-"
 
 
-def test_without_ccx_its_rows_are_left_out(tmp_path, monkeypatch):
+def test_without_other_programs_their_rows_are_left_out(tmp_path, monkeypatch):
     monkeypatch.setattr(calculix, "available", lambda: False)
+    monkeypatch.setattr(by_getfem, "interpreter", lambda: None)
     programs = {cell["program"] for cell in Accuracy(tmp_path).cells()}
     own = {"default", "order 1", "order 2, direct", "order 2, PyAMG"}
     assert programs == own | {"default, bricks"}
