@@ -155,7 +155,7 @@ class Schedule:
         changes = self.changes(time)
         if not isinstance(changes, Mapping):
             raise TypeError(
-                f"changes at time {time:g} are {changes!r}: a mapping is needed"
+                f"changes at time {time:g} are {in_words(changes)}: a mapping is needed"
             )
         legal = [f.name for f in fields(Problem) if f.name not in CARRIED]
         for name in changes:

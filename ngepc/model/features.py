@@ -205,7 +205,9 @@ FEATURES = {
     "axisymmetric": _feature("a plane problem or a solid", _kinematics, "axisymmetric"),
     "solid": _feature("a plane problem", _kinematics, "solid"),
     "other kinematics": _feature("a kinematics of ngepc", _own_kinematics),
-    "thickness": _feature("a thickness of 1, that is None", _present, "thickness"),
+    "thickness": _feature(
+        "thickness=None, a body of thickness 1", _present, "thickness"
+    ),
     "order 2": _feature("displacements of order 1 (order=1)", _order),
     "other shapes": _feature("triangles or tetrahedra", _other_shapes),
     "curved elements": _feature("straight edges (mesh.Curve(1) makes them)", _curved),
@@ -235,7 +237,7 @@ FEATURES = {
     ),
     "rollers": _feature(_BOUNDARIES, _rollers),
     "edges and points": _feature(_BOUNDARIES, _on_edges_and_points),
-    "springs": _feature("supports that do not give way", _springs),
+    "springs": _feature("rigid supports, without springs", _springs),
 }
 """Name of each feature -> what is needed instead, and the function that finds it."""
 
@@ -277,9 +279,6 @@ def require_covered(
         if name not in covers:
             for argument, value in feature.found(problem).items():
                 reason = f"{what} needs {feature.needed}{advice}"
-                given = f"{argument}={in_words(value)}"
-                raise ValueError(
-                    f"mesh has {value}: {reason}"
-                    if argument == MESH
-                    else f"{given}: {reason}"
-                )
+                if argument == MESH:
+                    raise ValueError(f"mesh has {value}: {reason}")
+                raise ValueError(f"{argument}={in_words(value)}: {reason}")

@@ -313,7 +313,7 @@ def test_gap_may_vary_and_push_in(small):
         ({"order": 2}, "order=2"),
         (
             {"springs": {"load": 1.0}},
-            r"springs\['load'\]=1.0: .* supports that do not give way",
+            r"springs\['load'\]=1.0: .* rigid supports, without springs",
         ),
     ],
 )
