@@ -20,7 +20,7 @@ import numpy as np
 from ngsolve import L2, GridFunction
 
 from ngepc._deprecated import old_names
-from ngepc.bounds.conjugate import Conjugate
+from ngepc.bounds.convex import conjugate_of
 from ngepc.bounds.data import BoundData, feasible_state, strain_coordinates
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.solid import SolidBoundData
@@ -122,14 +122,8 @@ class ErrorBound:
 
         Elastic and hardening energy, and the dissipation of the step.
         """
-        state, law = self.state, self.state.discrete.law
-        mean, stress = law.stress(state.at)
-        p = state.at.plastic_strain
-        shape = np.einsum("pd,pd->p", stress, stress) / law.two_mu
-        elastic = (mean**2 / law.bulk + shape) / 2
-        hardened = law.hardening / 2 * np.einsum("pd,pd->p", p, p)
-        plastic = hardened + law.resistance.energy(state.at.gained)
-        return state.discrete.points.integral(elastic + plastic)
+        discrete = self.state.discrete
+        return discrete.points.integral(discrete.law.spent(self.state.at))
 
     @property
     def relative(self) -> float:
@@ -154,7 +148,7 @@ class ErrorBound:
         law = self.state.discrete.law
         size = self.problem.kinematics.size
         elastic = max((1 / law.two_mu).max(), (1 / (size * law.bulk)).max())
-        least = law.hardening.min()
+        least = law.least_hardening.min()
         plastic = 1 / least if least > 0 else np.inf
         return float(np.sqrt(elastic + plastic)) * self.stress
 
@@ -252,7 +246,8 @@ def bound_and_search(
     whole = gaps
     # (gaps^(1/2) + rho / (2 m)^(1/2))^2, J is m-convex in eps(u)
     if bound_data.carried.left.any():
-        softest = law.two_mu * law.hardening / (law.two_mu + law.hardening)
+        h = bound_data.discrete.law.least_hardening[:: bound_data.each]
+        softest = law.two_mu * h / (law.two_mu + h)
         m = np.minimum(softest, bound_data.problem.kinematics.size * law.bulk)
         left = bound_data.carried.left
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -272,7 +267,7 @@ def algebraic_part(bound_data: BoundData, state: State, tangent: Factors) -> flo
     z = bound_data.balanced(
         state, tangent, bound_data.discrete.load - contact.forces(forces)
     )
-    conjugate = Conjugate(bound_data.discrete.law)
+    conjugate = conjugate_of(bound_data.discrete.law)
     law = bound_data.discrete.law
     density = law.energy_density(state.at)
     density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]

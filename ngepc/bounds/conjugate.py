@@ -169,8 +169,7 @@ class Conjugate:
 
     def gradient(self, at: Completed) -> np.ndarray:
         """The strain d phi* / dz, shape (cells, points, c)."""
-        strain = at.deviator / self.two_mu[:, None, None] + self.initial
-        strain = strain + at.reached[..., None] * at.direction
+        strain = self.deviatoric_strain(at)
         first = (at.mean / self.bulk[:, None])[..., None]
         if self.thin:
             return np.matmul(np.concatenate([first, strain], axis=-1), THIN)
@@ -178,13 +177,23 @@ class Conjugate:
             [first, strain if self.whole else strain[..., [0, 2]]], axis=-1
         )
 
-    def compliance(self, at: Completed) -> np.ndarray:
-        """d2 phi*/dz2, shape (cells, points, c, c)."""
+    def deviatoric_strain(self, at: Completed) -> np.ndarray:
+        """The deviator of the strain of a stress, (cells, points, d)."""
+        strain = at.deviator / self.two_mu[:, None, None] + self.initial
+        return strain + at.reached[..., None] * at.direction
+
+    def deviatoric_compliance(self, at: Completed) -> np.ndarray:
+        """Its derivative by the deviator of the stress, (cells, points, d, d)."""
         n = at.direction
         along, across = self._plastic_compliance(at)
         whole = (along - across)[..., None, None] * n[..., :, None] * n[..., None, :]
         for k in range(self.d):
             whole[..., k, k] += across + 1 / self.two_mu[:, None]
+        return whole
+
+    def compliance(self, at: Completed) -> np.ndarray:
+        """d2 phi*/dz2, shape (cells, points, c, c)."""
+        whole = self.deviatoric_compliance(at)
         bulk = np.broadcast_to(1 / self.bulk[:, None], at.mean.shape)
         result = np.zeros((*at.mean.shape, self.d + 1, self.d + 1))
         result[..., 0, 0], result[..., 1:, 1:] = bulk, whole
@@ -215,7 +224,7 @@ class Conjugate:
         at = self.completed(nodal)
         count = len(nodal)
         k = NODES[nodal.shape[1]]
-        shifted = at.size[..., None] * at.direction
+        shifted = self.shifted(at)
         mean, total, s, d = (
             coefficients(v.reshape(count, -1, k, v[0, 0].size))
             for v in (at.mean, self._total(at), shifted, at.deviator)
@@ -228,8 +237,7 @@ class Conjugate:
             # mean of a polynomial = mean of its coefficients
             zeta = d[..., 1].mean(axis=2)
             result = result - self.offset * (part * zeta).sum(axis=1)
-        outside = np.einsum("tkid,tkid->tki", s, s) > self.beta[:, None, None] ** 2
-        cell, place = np.nonzero(outside.any(axis=2))
+        cell, place = np.nonzero(self.may_yield(s))
         s = s[cell, place]
         weight = part[cell, 0]
         bound, estimate = self._plastic(s, weight, cell)
@@ -249,6 +257,15 @@ class Conjugate:
             weight, cell = (np.repeat(v[~kept], parts) for v in (weight / parts, cell))
             bound, estimate = self._plastic(s, weight, cell)
         return result
+
+    def shifted(self, at: Completed) -> np.ndarray:
+        """What the plastic part depends on: s = d - dev alpha_0, (cells, points, d)."""
+        return at.size[..., None] * at.direction
+
+    def may_yield(self, s: np.ndarray) -> np.ndarray:
+        """Whether the plastic part is not zero on a part, (cells, parts)."""
+        square = np.einsum("tkid,tkid->tki", s, s)
+        return (square > self.beta[:, None, None] ** 2).any(axis=2)
 
     def _plastic(
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray

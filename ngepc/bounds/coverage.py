@@ -14,8 +14,16 @@ COVERS = (
     BASIC_FEATURES
     | HISTORY_FEATURES
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
+    | {"anisotropic yield", "cyclic hardening"}
 )
 """Features that guaranteed bounds cover; friction in three dimensions with order 1 only."""
+
+FIRST_ORDER = {
+    "plane stress": "a bound in plane stress",
+    "anisotropic yield": "a bound with Hill's criterion",
+    "cyclic hardening": "a bound with sub-elements",
+}
+"""Features that bounds cover for displacements of order 1: phi is no polynomial on a cell."""
 
 # part of its largest value by which a coefficient may vary on an element and count as constant
 CONSTANT = 1e-10
@@ -118,9 +126,9 @@ def check_covered(problem: Problem) -> None:
     if problem.N == 3 and problem.order == 2:
         covers = COVERS - {"friction"}
         require_covered(problem, "a bound of order 2 in three dimensions", covers)
-    if problem.kinematics.thin:
-        covers = COVERS - {"order 2"}  # eps_zz is no polynomial on a cell
-        require_covered(problem, "a bound in plane stress", covers)
+    for feature, what in FIRST_ORDER.items():
+        if feature in problem.features:
+            require_covered(problem, what, COVERS - {"order 2"})
     material = problem.material
     scalar, back = problem.alpha_0
     coefficients = {
@@ -139,6 +147,8 @@ def check_covered(problem: Problem) -> None:
         coefficients["initial_accumulated"] = problem.initial_accumulated
         data = enumerate(material.law.data)
         coefficients |= {f"material.law (datum {k})": value for k, value in data}
+    if material.hill is not None:
+        coefficients |= {f"hill.{k}": value for k, value in vars(material.hill).items()}
     for name, value in coefficients.items():
         affine = problem.order == 2 and name in AFFINE
         if isinstance(value, CoefficientFunction) and varies_inside(

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.conjugate import R6, Conjugate, flow_potential, least_potential
+from ngepc.bounds.conjugate import R6, flow_potential, least_potential
 from ngepc.bounds.contact import ContactFacets
+from ngepc.bounds.convex import conjugate_of
 from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches
@@ -87,7 +88,7 @@ class BoundData:
         c = self.cells = Simplices.of(self.problem.mesh)
         self.boundary = Boundary(self.problem, c)
         self.each = len(discrete.points) // len(c.nodes)
-        self.conjugate = self.at_nodes = Conjugate(discrete.law, self.each)
+        self.conjugate = self.at_nodes = conjugate_of(discrete.law, self.each)
         self.carried = CarriedLoads(self.boundary)
         smallest = UNSTRAINED * discrete.law.bulk.max() * c.measure.max()
         self.patches = Patches(self.boundary, smallest)

@@ -35,7 +35,7 @@ from ngepc.model.data import Vector
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 
-COVERS = BOUNDED - {"friction"}
+COVERS = BOUNDED - {"friction", "anisotropic yield", "cyclic hardening"}
 """Features that brackets cover: those of bounds, without friction, for slopes of the energy."""
 
 PASSES = 3  # largest number of lengths that are tried on each side

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ngepc.discretisation.law import SOFTEST, Law, Return
+from ngepc.discretisation.law import AT_POINTS, SOFTEST, Law, Return
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.resistance import EXACT
 from ngepc.model.data import ProblemData
@@ -42,6 +42,8 @@ class HillLaw(Law):
     """The ellipsoid (s . A s)^(1/2) <= beta(g)."""
 
     form: np.ndarray  # A in coordinates of deviators, shape (points, d, d)
+    is_radial = False
+    at_points = (*AT_POINTS, "form", "_values", "_vectors")
 
     def __init__(self, problem: ProblemData, points: Points) -> None:
         super().__init__(problem, points)

@@ -28,7 +28,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from ngsolve import Trace
@@ -47,7 +49,11 @@ count as elastic, so that unloading needs one Newton step.
 """
 
 SOFTEST = 1e-8  # part of the elastic modulus in tangents where a law does not harden
+UNREACHED = 1.0  # finite value in place of an infinite |p| while a stress is searched
 SEARCHES = 100  # largest number of Newton and bisection steps for a free component of the strain
+
+AT_POINTS = ("bulk", "two_mu", "hardening", "back", "initial", "swelling", "distortion")
+"""Arrays of every law that have one row for each point, beside ``resistance``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +89,8 @@ class Law(ABC):
     swelling: np.ndarray | float  # tr eps_0, subtracted from strains; 0 without
     distortion: np.ndarray | float  # dev eps_0 in coordinates; 0 without
     across: np.ndarray | None  # deviator of a unit of the free strain, None without
+    at_points: ClassVar[tuple[str, ...]] = AT_POINTS  # names of the arrays
+    is_radial: ClassVar[bool] = True  # p and w are multiples of s
 
     def __init__(self, problem: ProblemData, points: Points) -> None:
         kinematics = points.kinematics
@@ -124,6 +132,16 @@ class Law(ABC):
         zero = np.zeros_like(self.two_mu)
         direction = np.zeros((len(zero), self.back.shape[1]))
         return self.condensed(Moduli(self.bulk, self.two_mu, zero, direction))
+
+    def of(self, points: np.ndarray | slice) -> Law:
+        """The law at some of the points, in the order of their numbers."""
+        other = copy(self)
+        for name in self.at_points:
+            value = getattr(self, name)
+            if np.ndim(value):
+                setattr(other, name, value[points])
+        other.resistance = self.resistance.of(points)
+        return other
 
     # the yield surface, defined by subclasses
 
@@ -254,6 +272,18 @@ class Law(ABC):
         plastic = np.where(g < np.inf, flow, np.inf)
         return 0.5 * pressure**2 / self.bulk + shape + plastic + free
 
+    def strained(self, stress: np.ndarray) -> np.ndarray:
+        """dev e beyond the initial strain, (points, d), of a stress in the same coordinates.
+
+        It is the derivative of ``complementary_density`` by the stress.  Where that is infinite
+        the plastic strain is taken as ``UNREACHED``.
+        """
+        s = stress - self.back
+        g = self.gained_at(s, self.hardening)
+        reached = np.where(g < np.inf, g, UNREACHED)
+        elastic = stress / self.two_mu[:, None] + self.initial
+        return elastic + self.flow(s, self.hardening, reached)
+
     @abstractmethod
     def flow(
         self, s: np.ndarray, modulus: np.ndarray, gained: np.ndarray
@@ -302,6 +332,21 @@ class Law(ABC):
         return replace(moduli, coupling=own - taken)
 
     # further quantities of a law
+
+    @property
+    def least_hardening(self) -> np.ndarray:
+        """A modulus h with which phi is at least as convex as with linear hardening, (points,)."""
+        return self.hardening
+
+    def spent(self, at: Return) -> np.ndarray:
+        """Elastic energy, energy of hardening and dissipation of the step, (points,)."""
+        mean, stress = self.stress(at)
+        p = at.plastic_strain
+        shape = np.einsum("pd,pd->p", stress, stress) / self.two_mu
+        elastic = (mean**2 / self.bulk + shape) / 2
+        hardened = self.hardening / 2 * np.einsum("pd,pd->p", p, p)
+        plastic = hardened + self.resistance.energy(at.gained)
+        return elastic + plastic
 
     def lost(self, at: Return) -> np.ndarray:
         """beta g, the dissipation of the step (energy per volume), (points,)."""

@@ -39,13 +39,16 @@ class OverlayReturn(Return):
 class OverlayLaw(Law):
     """Sub-elements that share the strain; ``size`` compares the one that is closest to yielding."""
 
+    is_radial = False
     shares: tuple[float, ...]
+    elastic_share: float  # of the sub-element that does not yield
     parts: tuple[VonMisesLaw, ...]
 
     def __init__(self, problem: ProblemData, points: Points) -> None:
         super().__init__(problem, points)
         overlay = problem.material.overlay
         self.shares = overlay.shares
+        self.elastic_share = overlay.elastic_share
         bounds = list(overlay.bounds)
         if overlay.elastic_share:
             self.shares = (*self.shares, overlay.elastic_share)
@@ -56,6 +59,12 @@ class OverlayLaw(Law):
         given = problem.initial_hardening
         if given is not None and len(given.dims) == 1:
             self.start_parts(points.at(given))
+
+    def of(self, points: np.ndarray | slice) -> OverlayLaw:
+        """See ``Law``: the sub-elements at these points."""
+        other = super().of(points)
+        other.parts = tuple(part.of(points) for part in self.parts)
+        return other
 
     def start_parts(self, plastic_strains: np.ndarray) -> None:
         """Start from these plastic strains of the sub-elements, (points, n d)."""
@@ -78,6 +87,21 @@ class OverlayLaw(Law):
     def split(self, stack: np.ndarray) -> list[np.ndarray]:
         """The parts of an array that belong to the sub-elements, shape (points, d) each."""
         return np.split(stack, len(self.parts), axis=1)
+
+    @property
+    def least_hardening(self) -> np.ndarray:
+        """See ``Law``: that of the sub-element that does not yield, 0 without."""
+        return self.two_mu * self.elastic_share / (1 - self.elastic_share)
+
+    def spent(self, at: OverlayReturn) -> np.ndarray:
+        """See ``Law``: elastic energies and dissipation of the sub-elements."""
+        mean = self.bulk * at.volume
+        energy = mean**2 / (2 * self.bulk)
+        for part, one in zip(self.parts, at.parts, strict=True):
+            stress = part.stress(one)[1]
+            square = np.einsum("pd,pd->p", stress, stress)
+            energy = energy + square / (2 * part.two_mu) + part.beta * one.gained
+        return energy
 
     def lost(self, at: OverlayReturn) -> np.ndarray:
         """See ``Law``."""
@@ -215,6 +239,10 @@ class OverlayLaw(Law):
             shape = shape + np.where(allowed, 0.5 * square / part.two_mu, np.inf)
         free = pressure * self.swelling + np.sum(stress * self.distortion, axis=1)
         return 0.5 * pressure**2 / self.bulk + shape + free
+
+    def strained(self, stress: np.ndarray) -> np.ndarray:
+        """See ``Law``: nearly, by Newton's method."""
+        return self._stressed(stress).deviator
 
     def _stressed(self, stress: np.ndarray) -> OverlayReturn:
         """The return with nearly this deviatoric stress: Newton's method with line search."""

@@ -201,6 +201,13 @@ class Moduli:
             return stress
         return stress + np.einsum("pij,pj->pi", self.coupling[:, 1:, 1:], e)
 
+    def deviatoric(self) -> np.ndarray:
+        """The matrix of deviatoric stress by deviatoric strain, shape (points, d, d)."""
+        n = self.direction
+        matrix = self.extra[:, None, None] * n[:, :, None] * n[:, None, :]
+        matrix = matrix + self.across[:, None, None] * np.eye(n.shape[1])
+        return matrix if self.coupling is None else matrix + self.coupling[:, 1:, 1:]
+
     def stress(
         self, volume: np.ndarray, e: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:

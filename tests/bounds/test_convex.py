@@ -1,0 +1,150 @@
+"""Bounds for Hill's ellipsoid and sub-elements: no energy crosses them, and von Mises is met."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ngsolve import CF, x
+
+from ngepc import (
+    Hill,
+    Material,
+    Overlay,
+    Problem,
+    error_bound,
+    semismooth_newton,
+    solve_to,
+)
+from ngepc.bounds.convex import ConvexConjugate
+from ngepc.discretisation.laws import law_of
+from ngepc.discretisation.points import Points
+from ngepc.geometries import block
+
+PLAIN = Material.kinematic(
+    lame_lambda=1e3, lame_mu=800.0, yield_stress=1.0, hardening=60.0
+)
+SHARE = 1600.0 / 1660.0
+SAME = {
+    "ellipsoid": replace(PLAIN, hill=Hill()),
+    "sub-element": replace(PLAIN, hardening=0.0, overlay=Overlay([SHARE], [1.0])),
+}
+"""Laws that are von Mises's with linear kinematic hardening in one step."""
+STRETCHED = CF((4e-4, 1e-4, 0, 1e-4, -3e-4, 0, 0, 0, -1e-4), dims=(3, 3))
+
+
+def square(n, material, **data):
+    load = {"right": (1.4, 0.9)}
+    mesh = block.structured_mesh(n, n, simplices=True)
+    return Problem(mesh, material, traction=load, order=1, **data)
+
+
+@pytest.mark.parametrize("law", SAME)
+@pytest.mark.parametrize("kinematics", ["plane strain", "plane stress"])
+def test_the_bound_is_that_of_von_mises_where_the_law_is(law, kinematics):
+    one, two = (
+        error_bound(semismooth_newton(square(4, material, kinematics=kinematics)))
+        for material in (PLAIN, SAME[law])
+    )
+    assert two.energy == pytest.approx(one.energy, rel=1e-10)
+    assert two.total == pytest.approx(one.total, rel=0.02)
+    assert two.strain_energy == pytest.approx(one.strain_energy, rel=1e-9)
+    assert two.strain == pytest.approx(one.strain, rel=0.02)
+    assert abs(two.algebraic) < 1e-9 * two.total
+
+
+def random_material(rng, anisotropic):
+    stiffness = {"lame_lambda": rng.uniform(200, 2e3), "lame_mu": rng.uniform(300, 1e3)}
+    if anisotropic:
+        r = rng.uniform(0.5, 2.5, 3)
+        hardening = stiffness["lame_mu"] * 10 ** rng.uniform(-2, -0.3)
+        return Material(
+            **stiffness,
+            yield_stress=1.0,
+            hardening=hardening,
+            hardening_modulus=rng.choice([0.0, 0.1]),
+            hardening_stiffness=1e3,
+            hill=Hill.r_values(*r, angle=rng.uniform(0, np.pi)),
+        )
+    parts = rng.integers(1, 4)
+    shares = rng.dirichlet(np.ones(parts)) * rng.uniform(0.6, 0.97)
+    bounds = np.cumsum(rng.uniform(0.3, 1.0, parts))
+    overlay = Overlay(shares.tolist(), bounds.tolist())
+    return Material(**stiffness, yield_stress=bounds[0], overlay=overlay)
+
+
+def random_data(seed):
+    """Material, mesh (a function of the number of cells) and other data of a problem."""
+    rng = np.random.default_rng(seed)
+    data = {"order": 1, "contact": "contact", "gap": rng.uniform(-1e-3, 3e-3)}
+    material = random_material(rng, anisotropic=seed % 2 == 0)
+    kind = ("plane strain", "plane stress", "solid")[seed % 3]
+    load = rng.uniform(-1.5, 1.5, 3 if kind == "solid" else 2)
+    data["traction"] = {"right": tuple(load)}
+    if kind != "solid":
+        data["kinematics"] = kind
+    if rng.random() < 0.3:
+        data["initial_strain"] = rng.uniform(-1e-3, 1e-3)
+    if rng.random() < 0.3 and material.overlay is None:
+        data["initial_plastic_strain"] = STRETCHED
+    if rng.random() < 0.2:
+        data["body_force"] = (*load[1:], 2.0 * x)
+    size = (2, 1, 1) if kind == "solid" else (3, 3)
+    return material, size, data
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_no_energy_crosses_the_bound(seed):
+    material, size, data = random_data(seed)
+    results = []
+    for factor in (1, 2):
+        cells = [factor * n for n in size]
+        mesh = block.structured_mesh(*cells, simplices=True)
+        results.append(semismooth_newton(Problem(mesh, material, **data)))
+    coarse, fine = (one.raise_for_status() for one in results)
+    bound = error_bound(coarse)
+    error = bound.energy - fine.primal_energy
+    assert bound.guaranteed
+    assert bound.least_energy <= fine.primal_energy
+    assert error <= bound.total < 1e3 * max(error, 1e-6 * bound.strain_energy)
+    assert abs(bound.algebraic) <= 1e-6 * bound.strain_energy
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 4])
+def test_gradients_and_compliances_are_derivatives(seed):
+    """phi* and its derivatives by differences, at stresses that yield."""
+    material, size, data = random_data(seed)
+    problem = Problem(block.structured_mesh(*size, simplices=True), material, **data)
+    law = law_of(problem, Points(problem.mesh, problem.kinematics, 1))
+    conjugate = ConvexConjugate(law)
+    rng = np.random.default_rng(seed)
+    z = 2.5 * rng.standard_normal((problem.mesh.ne, 1, 3))
+    change = rng.standard_normal(z.shape)
+    t = 1e-5
+    at, after, before = (conjugate.completed(z + s * change) for s in (0, t, -t))
+    slope = np.einsum("tqc,tqc->tq", conjugate.gradient(at), change)
+    rise = (conjugate.value(after) - conjugate.value(before)) / (2 * t)
+    assert at.over.mean() > 0.8
+    assert rise == pytest.approx(slope, rel=1e-5, abs=1e-8)
+    bent = np.einsum("tqcd,tqd->tqc", conjugate.compliance(at), change)
+    turned = (conjugate.gradient(after) - conjugate.gradient(before)) / (2 * t)
+    assert turned == pytest.approx(bent, rel=1e-3, abs=1e-5 * np.abs(bent).max())
+    assert conjugate.sought(at) == pytest.approx(conjugate.value(at), rel=1e-9)
+
+
+def test_an_error_is_reached_on_adaptive_meshes():
+    material, _, _ = random_data(0)
+    solved = solve_to(square(2, material), relative_error=0.05)
+    assert solved.bound.relative <= 0.05
+
+
+@pytest.mark.parametrize("law", SAME)
+def test_order_two_is_refused_by_name(law):
+    problem = replace(square(2, SAME[law]), order=2)
+    with pytest.raises(ValueError, match=r"a bound with .* order"):
+        error_bound(semismooth_newton(problem))
+
+
+def test_an_angle_that_varies_inside_elements_is_refused():
+    turning = replace(PLAIN, hill=Hill.r_values(1.8, 1.2, 2.3, angle=x))
+    with pytest.raises(ValueError, match=r"hill.angle varies inside elements"):
+        error_bound(semismooth_newton(square(2, turning)))
