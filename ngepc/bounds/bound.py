@@ -12,7 +12,7 @@ integrals over the cells are the indicators.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +21,14 @@ from ngsolve import L2, GridFunction
 
 from ngepc._deprecated import old_names
 from ngepc.bounds.convex import conjugate_of
-from ngepc.bounds.data import BoundData, feasible_state, strain_coordinates
+from ngepc.bounds.corners import pressure_on_copy, state_on_copy
+from ngepc.bounds.coverage import check_covered
+from ngepc.bounds.data import (
+    BoundData,
+    balanced_stress,
+    feasible_state,
+    strain_coordinates,
+)
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.solid import SolidBoundData
 from ngepc.checks.sentences import in_words
@@ -33,6 +40,7 @@ from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.places import values_at
 from ngepc.model.problem import Problem
+from ngepc.results.outcome import History, Status
 from ngepc.results.result import DiscreteSolution
 
 
@@ -43,7 +51,8 @@ class ErrorBound:
     Parameters
     ----------
     state
-        The displacement u of the bound; J(u) - inf J is its energy error.
+        The displacement u of the bound; J(u) - inf J is its energy error.  Where few elements have
+        most of the error, it is a function on a bisected copy of the mesh, see ``given``.
     energy
         J(u), with the term int F |slip| of Tresca friction; at least inf J.
     total
@@ -54,15 +63,17 @@ class ErrorBound:
     per_cell
         The contribution of each cell to ``total``, nonnegative up to rounding.
     admissible
-        The stress at the vertices of the parts of each cell, (triangles, 9, 3) in-plane coordinates
-        ((xx + yy)/2, (xx - yy)/2^(1/2), 2^(1/2) xy), or (tetrahedra, 16, 6) with the mean stress
-        and the five coordinates of the deviator.
+        The stress on the mesh of ``state``, at the vertices of the parts of each cell: (triangles,
+        9, 3) in-plane coordinates ((xx + yy)/2, (xx - yy)/2^(1/2), 2^(1/2) xy), or (tetrahedra,
+        16, 6) with the mean stress and the five coordinates of the deviator.
     pressure
         The contact pressure P >= 0 of the admissible stress, at the vertices of the contact facets.
     moved
         Largest change of the displacement to remove penetration of the obstacle (length).
     oscillation
         The part of ``total`` due to loads that vary inside elements (data oscillation).
+    given
+        The problem of the result if ``state`` is a function on a copy of its mesh, otherwise None.
     """
 
     state: State = field(repr=False)
@@ -74,11 +85,12 @@ class ErrorBound:
     pressure: np.ndarray = field(repr=False)
     moved: float = 0.0
     oscillation: float = 0.0
+    given: Problem | None = field(default=None, repr=False)
 
     @property
     def problem(self) -> Problem:
-        """The problem."""
-        return self.state.discrete.problem
+        """The problem of the result."""
+        return self.state.discrete.problem if self.given is None else self.given
 
     @cached_property
     def sampled(self) -> list[str]:
@@ -182,12 +194,13 @@ def error_bound(result: object) -> ErrorBound:
         clearing the obstacle.
     """
     problem = solved_problem(result)
-    exact = isinstance(result, ExactResult)
-    bound_data = bound_data_of(result.discrete if exact else DiscreteProblem(problem))
-    state = result.state if exact else state_of(bound_data.discrete, result)
-    return bound_of_state(
-        bound_data, state, Factors(bound_data.discrete, "sparsecholesky")
-    )
+    check_covered(problem)
+    if not isinstance(result, ExactResult):
+        discrete = bound_data_of(DiscreteProblem(problem)).discrete
+        state = state_of(discrete, result)
+        result = ExactResult(state, Status.STOPPED, "", History())
+    bound = bound_on_copy(result)
+    return bound or bound_of(bound_data_of(result.discrete), result.state)
 
 
 def solved_problem(result: object) -> Problem:
@@ -197,6 +210,41 @@ def solved_problem(result: object) -> Problem:
         needed = "a result with a displacement is needed"
         raise TypeError(f"result={in_words(result)}: {needed}")
     return problem
+
+
+def bound_on_copy(result: ExactResult) -> ErrorBound | None:
+    """The bound with a stress on a bisected copy of the mesh.
+
+    None where no element stands out, and where the displacement penetrates the obstacle.
+    """
+    found = state_on_copy(result)
+    if found is None:
+        return None
+    state, parents = found
+    bound_data = bound_data_of(state.discrete)
+    _, moved = feasible_state(bound_data, state)
+    if moved > state.touching_distance:
+        return None
+    P = pressure_on_copy(result, bound_data.contact, parents)
+    tangent = Factors(state.discrete, "sparsecholesky")
+    bound, _ = bound_and_search(bound_data, state, tangent, P)
+    cells = result.problem.mesh.ne
+    per_cell = np.bincount(parents, bound.per_cell, minlength=cells)
+    own = result.state.with_radial_return()
+    algebraic = algebraic_part(own, Factors(result.discrete, "sparsecholesky"))
+    return replace(
+        bound,
+        total=float(per_cell.sum()),
+        per_cell=per_cell,
+        algebraic=algebraic,
+        given=result.problem,
+    )
+
+
+def bound_of(bound_data: BoundData, state: State) -> ErrorBound:
+    """The bound for a state, with factors of its own."""
+    tangent = Factors(bound_data.discrete, "sparsecholesky")
+    return bound_of_state(bound_data, state, tangent)
 
 
 def state_of(discrete: DiscreteProblem, result: object) -> State:
@@ -229,15 +277,21 @@ def bound_of_state(bound_data: BoundData, given: State, tangent: Factors) -> Err
 
 
 def bound_and_search(
-    bound_data: BoundData, given: State, tangent: Factors
+    bound_data: BoundData,
+    given: State,
+    tangent: Factors,
+    pressure: np.ndarray | None = None,
 ) -> tuple[ErrorBound, Any]:
-    """The same, and the solver that found the stress, see ``BestStress``."""
+    """The same, and the solver that found the stress, see ``BestStress``.
+
+    The contact pressure at the vertices of the facets is that of the state by default.
+    """
     contact = bound_data.contact
     state, moved = feasible_state(bound_data, given)
-    algebraic = algebraic_part(bound_data, state, tangent)
-    z, at_points, P, search = bound_data.best_stress(
-        state, tangent, contact.pressure(state.multipliers)
-    )
+    algebraic = algebraic_part(state, tangent)
+    if pressure is None:
+        pressure = contact.pressure(state.multipliers)
+    z, at_points, P, search = bound_data.best_stress(state, tangent, pressure)
     gaps = bound_data.at_nodes.integrals(
         z, bound_data.cells.volume, bound_data.gaps(state, at_points)
     )
@@ -260,23 +314,19 @@ def bound_and_search(
     return ErrorBound(state, *found), search
 
 
-def algebraic_part(bound_data: BoundData, state: State, tangent: Factors) -> float:
+def algebraic_part(state: State, tangent: Factors) -> float:
     """Upper bound of J(u) - J_h: the same bound with a discrete stress and discrete contact."""
-    contact = bound_data.discrete.contact
+    discrete = state.discrete
+    contact = discrete.contact
     forces = contact.friction.projected(state.contact)
-    z = bound_data.balanced(
-        state, tangent, bound_data.discrete.load - contact.forces(forces)
-    )
-    conjugate = conjugate_of(bound_data.discrete.law)
-    law = bound_data.discrete.law
-    density = law.energy_density(state.at)
+    z = balanced_stress(state, tangent, discrete.load - contact.forces(forces))
+    conjugate = conjugate_of(discrete.law)
+    density = discrete.law.energy_density(state.at)
     density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]
-    strain = strain_coordinates(state)
-    gap = density - np.einsum("pc,pc->p", z, strain)
+    gap = density - np.einsum("pc,pc->p", z, strain_coordinates(state))
     friction = contact.friction_work(forces, state.gaps, 0.0)
-    return bound_data.discrete.points.integral(gap) + float(
-        forces @ state.gaps + friction
-    )
+    in_the_body = discrete.points.integral(gap)
+    return in_the_body + float(forces @ state.gaps + friction)
 
 
 __getattr__ = old_names(__name__)

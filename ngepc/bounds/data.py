@@ -232,21 +232,8 @@ class BoundData:
         return self.on_parts(strain_coordinates(state))
 
     def balanced(self, state: State, tangent: Factors, load: np.ndarray) -> np.ndarray:
-        """Stresses (points, c) in equilibrium with nodal forces (nodes, N).
-
-        The defect of the nodal forces is corrected by a tangent.
-        """
-        z = self.stress(state)
-        forces = state.internal_forces
-        for _ in range(PASSES):
-            missing = np.where(self.discrete.free, load - forces, 0)
-            if np.abs(missing).max() <= BALANCED * np.abs(forces).max():
-                break
-            factorise(state, tangent)
-            change = tangent.solve(missing)
-            z = z + self.answer(tangent, change)
-            forces = forces + tangent.multiply(change)
-        return z
+        """Stresses (points, c) in equilibrium with nodal forces, see ``balanced_stress``."""
+        return balanced_stress(state, tangent, load)
 
     def stress(self, state: State) -> np.ndarray:
         """The discrete stress of a state at the points, (points, c)."""
@@ -254,8 +241,34 @@ class BoundData:
 
     def answer(self, tangent: Factors, change: np.ndarray) -> np.ndarray:
         """The change of stress (points, c) for a change of displacements (nodes, N)."""
-        strain = self.discrete.points.strain(change)
-        return stress_coordinates(*tangent.moduli.stress(*strain))
+        return stress_change(self.discrete, tangent, change)
+
+
+def balanced_stress(state: State, tangent: Factors, load: np.ndarray) -> np.ndarray:
+    """Stresses (points, c) near those of a state, in equilibrium with nodal forces (nodes, N).
+
+    The defect of the nodal forces is corrected by a tangent.
+    """
+    discrete = state.discrete
+    z = stress_coordinates(*discrete.law.stress(state.at))
+    forces = state.internal_forces
+    for _ in range(PASSES):
+        missing = np.where(discrete.free, load - forces, 0)
+        if np.abs(missing).max() <= BALANCED * np.abs(forces).max():
+            break
+        factorise(state, tangent)
+        change = tangent.solve(missing)
+        z = z + stress_change(discrete, tangent, change)
+        forces = forces + tangent.multiply(change)
+    return z
+
+
+def stress_change(
+    discrete: DiscreteProblem, tangent: Factors, change: np.ndarray
+) -> np.ndarray:
+    """The change of stress (points, c) for a change of displacements (nodes, N)."""
+    strain = discrete.points.strain(change)
+    return stress_coordinates(*tangent.moduli.stress(*strain))
 
 
 def feasible_state(bound_data: BoundData, given: State) -> tuple[State, float]:

@@ -221,7 +221,7 @@ def tightened(
         remainder = model.remainder(part, z[there])
         bound = promised + remainder.sum()
         gain = LOCALLY * effort.gain
-        if remainder.sum() <= TRUST * bound:
+        if np.abs(remainder).sum() <= TRUST * bound:
             break
         worst = np.arange(len(z))[there][marked(np.abs(remainder), BROKEN)]
         there = cells.around(worst, RINGS)

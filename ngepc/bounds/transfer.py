@@ -93,16 +93,26 @@ def bisected_to(
 def check_carried(problem: Problem) -> None:
     """Refuse problems that no bound covers, and boundary data of finite element functions."""
     check_covered(problem)
+    names = not_carried(problem)
+    if names:
+        raise ValueError(
+            f"{names[0]} is made of a GridFunction, which belongs to one mesh: numbers or "
+            "functions of position are needed"
+        )
+
+
+def not_carried(problem: Problem) -> list[str]:
+    """The data of finite element functions that another mesh does not know."""
     names = [*ACTING, "gap", "friction", "initial_displacement"]
     if problem.f is not None and varies_inside(problem, problem.f):
         names.append("body_force")
-    for name in names:
-        for one in values_in(getattr(problem, name)):
-            if "gridfunction" in str(one).lower():
-                raise ValueError(
-                    f"{name} is made of a GridFunction, which belongs to one mesh: numbers or "
-                    "functions of position are needed"
-                )
+    return [
+        name
+        for name in names
+        if any(
+            "gridfunction" in str(v).lower() for v in values_in(getattr(problem, name))
+        )
+    ]
 
 
 def values_in(value: object) -> list[CoefficientFunction]:

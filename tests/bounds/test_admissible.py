@@ -116,9 +116,11 @@ def bound(result):
 def corners(bound):
     """Stress tensors (nt, 3, k, 2, 2) at the nodes of the sub-triangles, places (nt, 3, 3, 2)."""
     sigma = (
-        ELEMENTS[2].tensors(bound.admissible).reshape(len(bound.per_cell), 3, -1, 2, 2)
+        ELEMENTS[2]
+        .tensors(bound.admissible)
+        .reshape(len(bound.admissible), 3, -1, 2, 2)
     )
-    mesh = bound.problem.mesh
+    mesh = bound.state.discrete.problem.mesh
     points = np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, :2]
     nodes = np.array([[v.nr for v in element.vertices] for element in mesh.Elements()])
     places = points[nodes]
@@ -225,13 +227,14 @@ def test_boundary(bound):
         held |= {
             name: tuple(v is not None for v in values) for name in names.split("|")
         }
-    for segment in problem.mesh.Elements(BND):
+    mesh = bound.state.discrete.problem.mesh
+    for segment in mesh.Elements(BND):
         ends = tuple(sorted(v.nr for v in segment.vertices))
         ((sn, n),) = found[ends]
         if segment.mat in problem.contact_names:
             pressure = -sn @ n
             assert pressure.min() >= -1e-12 * size(bound)
-            points = np.asarray(problem.mesh.ngmesh.Coordinates())[list(ends), :2]
+            points = np.asarray(mesh.ngmesh.Coordinates())[list(ends), :2]
             places = np.concatenate([points, points.mean(axis=0, keepdims=True)])[
                 : len(sn)
             ]
@@ -240,7 +243,7 @@ def test_boundary(bound):
             assert (shear - most).max() <= 1e-12 * size(bound)
             continue
         free = ~np.array(held.get(segment.mat, (False, False)))
-        points = np.asarray(problem.mesh.ngmesh.Coordinates())[list(ends), :2]
+        points = np.asarray(mesh.ngmesh.Coordinates())[list(ends), :2]
         expected = given_traction(problem, segment.mat, points, n)
         expected = np.concatenate([expected, expected.mean(axis=0, keepdims=True)])[
             : len(sn)
@@ -255,6 +258,10 @@ def test_indicators_are_nowhere_negative(bound):
 
 def test_the_algebraic_part_is_what_clearing_the_obstacle_costs(result, bound):
     """Solved problems have none but where a displacement is moved: parabolas, convex obstacles."""
+    if bound.given is not None:  # on a bisected copy of the mesh nothing is moved
+        assert bound.moved < 1e-12
+        assert bound.algebraic == pytest.approx(0.0, abs=1e-9 * bound.total)
+        return
     added = bound.state.energy - result.state.energy
     assert bound.moved or added == 0
     assert bound.algebraic == pytest.approx(added, rel=0.01, abs=1e-9 * bound.total)
@@ -280,7 +287,8 @@ def test_displacements_are_clear_of_the_obstacle(bound):
     u = GridFunction(discrete.supports.space)
     u.vec.FV().NumPy()[:] = bound.state.u.T.ravel()
     rule = IntegrationRule([(t,) for t in np.linspace(0, 1, 21)], [1 / 21] * 21)
-    region = problem.mesh.Boundaries("|".join(problem.contact_names))
-    points = problem.mesh.MapToAllElements({ET.SEGM: rule}, region)
+    mesh = discrete.problem.mesh
+    region = mesh.Boundaries("|".join(problem.contact_names))
+    points = mesh.MapToAllElements({ET.SEGM: rule}, region)
     depth = (InnerProduct(u, specialcf.normal(2)) - problem.psi)(points)
     assert np.max(depth) <= 1e-11 * np.abs(bound.state.u).max()

@@ -9,7 +9,7 @@ from ngsolve import CF, L2, GridFunction, x, y
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
 from ngepc.bounds.adaptive import Refinement, solve_to
-from ngepc.bounds.bound import error_bound
+from ngepc.bounds.bound import bound_data_of, error_bound
 from ngepc.bounds.polynomials import (
     AT_NODES,
     SPLIT,
@@ -23,6 +23,7 @@ from ngepc.bounds.transfer import bisected, carried_state, on_mesh
 from ngepc.geometries import block, lshape
 from ngepc.local.system import DiscreteProblem
 from ngepc.studies.bounds import LIMITS
+from ngepc.studies.examples import example
 
 
 def fine_points(count):
@@ -183,3 +184,34 @@ def test_adaptive_meshes_reach_the_rate_of_order_two(coarse):
     for record in solved.records:
         assert record.energy - LIMITS["lshape"] <= record.total
     assert records[-1].total <= 1.2 * (records[-1].energy - LIMITS["lshape"])
+
+
+def test_the_pressure_is_zero_where_the_body_is_far_from_the_obstacle():
+    """A solver of scipy for least squares with P >= 0 left pressure far from the contact zone."""
+    result = semismooth_newton(replace(example("lshape", 3201), order=2))
+    contact = bound_data_of(result.discrete).contact
+    pressure = contact.pressure(result.state.multipliers)
+    gap = contact.slack(result.state.u)[:, :2]
+    assert (pressure[gap.min(axis=1) > 1e-3] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("body", "nodes", "order", "most"),
+    [
+        ("lshape", 1601, 1, 1.15),
+        ("wrench", 1641, 1, 1.15),
+        ("lshape", 1601, 2, 1.15),
+        ("wrench", 1641, 2, 1.15),
+    ],
+)
+def test_bounds_are_sharp_on_uniform_meshes(body, nodes, order, most):
+    """The stress is computed on a copy that is bisected at the singular corners."""
+    result = semismooth_newton(replace(example(body, nodes), order=order))
+    bound = error_bound(result)
+    error = bound.energy - LIMITS[body]
+    assert 1 <= bound.total / error <= most
+
+    assert bound.state.discrete.problem.mesh.nv > nodes
+    assert bound.problem is result.problem
+    assert len(bound.per_cell) == result.problem.mesh.ne
+    assert bound.energy == pytest.approx(result.primal_energy, rel=1e-3)

@@ -1,0 +1,102 @@
+"""A result on a copy of its mesh that is bisected where the error concentrates.
+
+On uniform meshes most of an error bound comes from a few elements at singular corners, because the
+stress that the bound is computed with has the size of the elements.  The displacement of the result
+is a function on the copy, too, so that a stress on the copy bounds the same error.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from ngsolve import CF, Integrate, Mesh
+
+from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.contact import ContactFacets
+from ngepc.bounds.simplices import Simplices
+from ngepc.bounds.transfer import (
+    carried_state,
+    copied,
+    not_carried,
+    on_mesh,
+    parents_in,
+)
+from ngepc.local.indicators import error_indicators
+from ngepc.local.result import ExactResult
+from ngepc.local.system import DiscreteProblem, State
+
+SHARE = 0.004
+TIMES = 10.0
+"""Elements are bisected until no indicator is more than this share of the sum of all, or so many
+times the mean of all."""
+MOST_PASSES = 8
+
+
+def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
+    """The state of a result on a bisected copy of its mesh, and the parents of the elements.
+
+    None where no element stands out, in three dimensions, and where data belong to the mesh.
+    """
+    problem = result.problem
+    if problem.N == 3 or not_carried(problem):
+        return None
+    indicators = error_indicators(result).vec.FV().NumPy()
+    found = bisected_where_outstanding(problem.mesh, indicators)
+    if found is None:
+        return None
+    mesh, parents = found
+    discrete = DiscreteProblem(on_mesh(problem, mesh, parents))
+    return carried_state(result, discrete, parents), parents
+
+
+def pressure_on_copy(
+    result: ExactResult, contact: ContactFacets, parents: np.ndarray
+) -> np.ndarray | None:
+    """The contact pressure of a result at the vertices of the facets of a copy, (facets, 2).
+
+    Order two: affine on each facet of the mesh, and not continuous.  None for order one, where the
+    forces of the state on the copy have the same pressure.
+    """
+    problem = result.problem
+    if problem.order == 1 or not problem.contact_names:
+        return None
+    cells = Simplices.of(problem.mesh)
+    old = ContactFacets(result.discrete, Boundary(problem, cells))
+    P = old.pressure(result.state.multipliers)
+
+    # the facet of the same direction on the parent
+    same = parents[contact.owner][:, None] == old.owner
+    facet = np.argmax(same * (contact.normal @ old.normal.T), axis=1)
+    start, end = np.moveaxis(cells.points[old.nodes[facet, :2]], 1, 0)
+    along = end - start
+    places = contact.boundary.cells.points[contact.nodes[:, :2]]
+    length_squared = np.einsum("ec,ec->e", along, along)
+    share = np.einsum("eac,ec->ea", places - start[:, None], along)
+    share = share / length_squared[:, None]
+    P = (1 - share) * P[facet, :1] + share * P[facet, 1:]
+    return np.maximum(P, 0.0)
+
+
+def bisected_where_outstanding(
+    mesh: Mesh, indicators: np.ndarray
+) -> tuple[Mesh, np.ndarray] | None:
+    """A copy of a mesh without outstanding indicators, and the parents; None if there are none.
+
+    The indicators of children are taken to be proportional to their areas.
+    """
+    limit = max(SHARE, TIMES / mesh.ne) * indicators.sum()
+    if not (indicators > limit).any():
+        return None
+    density = indicators / volumes(mesh)
+    finer, number = copied(mesh)
+    for _ in range(MOST_PASSES):
+        chosen = density[parents_in(number)] * volumes(finer) > limit
+        if not chosen.any():
+            break
+        finer.SetRefinementFlags(chosen.tolist())
+        finer.Refine()
+    return finer, parents_in(number)
+
+
+def volumes(mesh: Mesh) -> np.ndarray:
+    """The areas of the elements of a mesh."""
+    return np.array(Integrate(CF(1), mesh, element_wise=True))
