@@ -53,10 +53,9 @@ def test_what_is_asked_for_is_reached(lshaped):
     error = f"relative error at most {lshaped.bound.relative:.3g} (guaranteed)"
     assert f"{error}, tolerance 0.02" in repr(lshaped)
     fresh = error_bound(lshaped.result)  # its stress starts from another tangent
-    assert fresh.energy == lshaped.bound.energy
-    assert fresh.total == pytest.approx(
-        lshaped.bound.total, rel=0.01
-    )  # searches end a little early
+    assert fresh.energy == pytest.approx(lshaped.bound.energy, rel=1e-12)
+    # its mesh may be bisected once more at corners
+    assert fresh.total == pytest.approx(lshaped.bound.total, rel=0.03)
 
 
 def test_bounds_are_sharp_and_newton_ends_early(lshaped):
@@ -137,7 +136,8 @@ def test_the_bound_is_that_of_the_result_however_long_newton_goes_on(monkeypatch
     monkeypatch.setattr(adaptive, "ALGEBRAIC_SHARE", -1.0)
     solved = solve_to(lshape_problem(lshape.paper_mesh(65)), 0.05)
     assert solved.result.status.label == "converged"
-    assert solved.bound.energy == error_bound(solved.result).energy
+    energy = error_bound(solved.result).energy
+    assert solved.bound.energy == pytest.approx(energy, rel=1e-12)
 
 
 def test_doerfler_marking_takes_the_fewest():

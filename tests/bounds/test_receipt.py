@@ -20,6 +20,7 @@ from ngepc import (
     write_receipt,
 )
 from ngepc.bounds import check_receipt
+from ngepc.bounds.bound import bound_data_of, bound_of
 from ngepc.geometries import block
 from ngepc.studies.examples import example
 
@@ -77,7 +78,7 @@ CASES = {
 def test_a_receipt_shows_what_the_bound_says(name, order, tmp_path):
     """The checker knows no element and no tangent, and comes to the same interval."""
     result = semismooth_newton(CASES[name](order))
-    bound = error_bound(result)
+    bound = bound_of(bound_data_of(result.discrete), result.state)
     lower, upper = write_receipt(result, tmp_path / "receipt.npz")
     header = check_receipt.check(tmp_path / "receipt.npz")
     assert (header["lower"], header["upper"]) == (lower, upper)
