@@ -41,10 +41,11 @@ from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
 from ngepc.model.features import FEATURES, require_covered
+from ngepc.model.problem import Problem
 
-COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
+COVERS = BOUNDED - {"friction", "plane stress"}
 COVERS -= {"anisotropic yield", "cyclic hardening"}
-"""Features that goal bounds cover."""
+"""Features that goal bounds cover; hardening laws with order 1 only."""
 
 STEP = 1.3
 """Factor between the lambdas that are tried for one adjoint."""
@@ -176,20 +177,30 @@ def goal_bound(result: object, goal: object) -> GoalBound:
     TypeError
         If ``result`` is not the result of a solver, or ``goal`` is not a goal.
     ValueError
-        For problems that goal bounds do not cover; the message names the argument: friction, loads
-        that vary inside elements, and everything that error bounds do not cover.
+        For problems that goal bounds do not cover; the message names the argument: friction, plane
+        stress, hardening laws with order 2, loads that vary inside elements, and everything that
+        error bounds do not cover.
     RuntimeError
-        As ``error_bound``.
+        As ``error_bound``, and where the error bound is infinite.
     """
     require_instance("result", result, ExactResult, "a result without gamma")
     return GoalProblem(result).bound_of(goal)
+
+
+def check_goals(problem: Problem) -> None:
+    """Refuse problems without goal bounds by name; what error bounds refuse is left to them."""
+    bounded = FEATURES.keys() - BOUNDED
+    require_covered(problem, "a goal bound", COVERS | bounded)
+    if problem.order == 2:
+        covers = (COVERS | bounded) - {"hardening law"}
+        require_covered(problem, "a goal bound of order 2", covers)
 
 
 class GoalProblem:
     """A result with its error bound, for several goals, which share factors and stresses."""
 
     def __init__(self, result: ExactResult) -> None:
-        require_covered(result.problem, "a goal bound", COVERS)
+        check_goals(result.problem)
         bound_data = bound_data_of(result.discrete)
         tangent = Factors(bound_data.discrete, "sparsecholesky")
         state = state_of(bound_data.discrete, result)
@@ -210,8 +221,7 @@ class GoalProblem:
         ``compliance`` is a guess of that of the contact rows, from Newton's method for example.
         """
         made = cls.__new__(cls)
-        bounded = FEATURES.keys() - BOUNDED  # refused by the error bound already
-        require_covered(bound_data.problem, "a goal bound", COVERS | bounded)
+        check_goals(bound_data.problem)
         made._take(bound_data, bound, tangent, search, compliance)
         return made
 
@@ -255,6 +265,11 @@ class GoalProblem:
         if not energy > 0:
             raise ValueError(
                 "result: a goal bound needs a deformed body, all strains are zero"
+            )
+        if not math.isfinite(self.bound.total):
+            raise RuntimeError(
+                "the error bound is infinite, as the hardening law never reaches a stress in "
+                "equilibrium: a finer mesh or more hardening is needed"
             )
         start = self._adjoints.start(terms)
         first = FIRST * math.sqrt(self._adjoints.energy(start) / energy) or 1.0

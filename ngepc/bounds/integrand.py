@@ -30,7 +30,8 @@ from ngepc.bounds.polynomials import (
     square_integrals,
     worth_keeping,
 )
-from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots, kept_part
+from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots
+from ngepc.bounds.supremum_of_laws import NonlinearLaw
 from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
 from ngepc.discretisation.law import Law
 from ngepc.local.system import State
@@ -71,7 +72,7 @@ class Side:
 
     pulled: np.ndarray
     w: np.ndarray
-    law: ScaledLaw
+    law: ScaledLaw | NonlinearLaw
     rest: np.ndarray
     volume: np.ndarray
     cell: np.ndarray
@@ -169,7 +170,7 @@ class Integrand:
             pulled.mean(axis=1), data.trial
         )
         rest += volume * affine
-        law = ScaledLaw.of(data.two_mu, data.hardening, data.beta, factor)
+        law = law_at(data, factor)
         return Side(pulled, w[:, None], law, rest, volume, self.cell[chosen])
 
     def estimate(self, factor: float) -> float:
@@ -299,11 +300,20 @@ def point_data(bound_data: BoundData, state: State, parts: int) -> PointData:
         """The same for all parts of a cell."""
         return np.repeat(np.asarray(values), parts, axis=0)
 
-    trial = state.at.trial
-    kept = kept_part(trial, *map(np.asarray, (law.two_mu, law.hardening, law.beta)))
-    stress = kept[:, None] * trial + law.back
-    values = law.bulk, law.two_mu, law.hardening, law.beta, state.volume, trial
-    return PointData(*map(spread, (*values, law.back, stress)))
+    _, stress = law.stress(state.at)
+    values = law.bulk, law.two_mu, law.hardening, law.beta, state.volume, state.at.trial
+    arrays = map(spread, (*values, law.back, stress))
+    if law.resistance.is_constant:
+        return PointData(*arrays)
+    every = np.repeat(np.arange(len(state.volume)), parts)
+    return PointData(*arrays, resistance=law.resistance.of(every))
+
+
+def law_at(data: PointData, factor: float) -> ScaledLaw | NonlinearLaw:
+    """What Phi depends on at points, for lambda."""
+    if data.resistance is None:
+        return ScaledLaw.of(data.two_mu, data.hardening, data.beta, factor)
+    return NonlinearLaw(data.resistance, data.two_mu, data.hardening, factor)
 
 
 def varying_data(

@@ -43,6 +43,7 @@ import numpy as np
 
 from ngepc.bounds.polynomials import portions, square_integrals
 from ngepc.bounds.simplices import sliced
+from ngepc.discretisation.resistance import Resistance
 
 ANGLES = 12
 """Parts of the interval of angles; the error of the bound falls with the square of their number."""
@@ -56,7 +57,8 @@ class PointData:
     """Data of the supremum at points, arrays of shape (n,) and (n, d).
 
     ``bulk``, ``two_mu``, ``hardening`` and ``beta`` are the law's; ``volume`` tr eps_h, ``trial``
-    s, ``back`` dev alpha_0 and ``stress`` the deviatoric stress s(eps_h).
+    s, ``back`` dev alpha_0 and ``stress`` the deviatoric stress s(eps_h).  ``resistance`` is that
+    of a nonlinear law, None for linear hardening.
     """
 
     bulk: np.ndarray
@@ -67,10 +69,13 @@ class PointData:
     trial: np.ndarray
     back: np.ndarray
     stress: np.ndarray
+    resistance: Resistance | None = None
 
     def of(self, chosen: slice | np.ndarray) -> PointData:
         """The data at some of the points."""
-        return PointData(*(value[chosen] for value in vars(self).values()))
+        arrays = {k: v for k, v in vars(self).items() if k != "resistance"}
+        own = None if self.resistance is None else self.resistance.of(chosen)
+        return PointData(**{k: v[chosen] for k, v in arrays.items()}, resistance=own)
 
 
 def kept_part(

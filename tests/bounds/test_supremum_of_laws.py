@@ -1,0 +1,95 @@
+"""The supremum of a goal for nonlinear hardening laws, against a dense search."""
+
+from dataclasses import replace
+
+import featured
+import numpy as np
+import pytest
+from campaigns.crossings import finer
+
+from ngepc import MeanDisplacement, Voce, goal_bound, semismooth_newton
+from ngepc.bounds.supremum import ScaledLaw
+from ngepc.bounds.supremum_of_laws import NonlinearLaw
+from ngepc.discretisation.resistance import Resistance
+
+COUNT = 200
+
+
+class Points:
+    """Random laws, and p and w near those of a state with errors of a given size."""
+
+    def __init__(self, isotropic, factor, error):
+        random = np.random.default_rng(3)
+        self.two_mu = random.uniform(1, 3, COUNT)
+        self.hardening = random.uniform(0.01, 1, COUNT)
+        beta = random.uniform(0.2, 1, COUNT)
+        before = random.uniform(0, 0.1, COUNT)
+        self.resistance = Resistance(beta, isotropic, before, linear=np.zeros(COUNT))
+        self.factor = factor
+
+        trial = random.normal(size=(COUNT, 1, 3))
+        size = np.linalg.norm(trial[:, 0], axis=1)
+        gained = self.resistance.gained_at(size, self.two_mu + self.hardening)
+        stress = trial * (1 - self.two_mu * gained / size)[:, None, None]
+        c = (factor / self.two_mu)[:, None, None]
+        self.p = c * (stress + error * random.normal(size=(COUNT, 2, 3)))
+        self.w = c * (trial + error * random.normal(size=(COUNT, 2, 3)))
+        self.c = c[:, :, 0]
+
+    def searched(self):
+        """Phi by values at many plastic strains."""
+        y = np.linalg.norm(self.p + self.w, axis=2)
+        beta = self.resistance.beta[:, None]
+        inside = y <= 2 * self.c * beta
+        best = np.where(inside, y**2 / (4 * self.c), beta * (y - self.c * beta))
+        for g in np.append(np.linspace(0, 3, 1500), np.linspace(3, 60, 1500)):
+            bound = self.resistance.bound(np.full(COUNT, g))
+            r = (bound + self.hardening * g)[:, None]
+            rho = r + (self.two_mu * g)[:, None]
+            pulled = rho[..., None] * self.p + r[..., None] * self.w
+            value = np.linalg.norm(pulled, axis=2) - self.c * rho * r
+            best = np.maximum(best, value)
+        return best
+
+    def without_errors(self):
+        """The value of Phi where both arguments belong to the same state."""
+        return np.einsum("nkd,nkd->nk", self.p, self.w) / self.c
+
+    def found(self):
+        law = NonlinearLaw(self.resistance, self.two_mu, self.hardening, self.factor)
+        return law.potential(self.p, self.w)
+
+
+@pytest.mark.parametrize("error", [1.0, 0.05])
+@pytest.mark.parametrize("factor", [0.05, 5.0])
+def test_no_plastic_strain_gives_a_larger_value(factor, error):
+    points = Points(Voce(1.5, 0.5, 20.0), factor, error)
+    searched = points.searched()
+    part = (points.found()[0] - searched) / (searched - points.without_errors())
+    assert part.min() > -1e-10
+    assert part.max() < 0.1
+
+
+def test_a_constant_bound_is_linear_hardening():
+    points = Points(None, 0.7, 0.1)
+    beta = points.resistance.beta
+    linear = ScaledLaw.of(points.two_mu, points.hardening, beta, points.factor)
+    expected, smooth = linear.potential(points.p, points.w)
+    found, elastic = points.found()
+    off = (found - expected) / (expected - points.without_errors())
+    assert np.abs(off).max() < 0.05
+    assert not (elastic & ~smooth).any()
+
+
+@pytest.mark.parametrize("feature", ["hardening law", "initial strain"])
+@pytest.mark.parametrize("contact", [{}, {"contact": "contact", "gap": 1e-4}])
+def test_intervals_contain_the_value_of_a_fine_mesh(feature, contact):
+    problem = finer(replace(featured.problem_with(feature), **contact), 1)
+    result = semismooth_newton(problem)
+    fine = semismooth_newton(finer(problem, 2))
+    assert result.state.at.yields.any()
+    for goal in ("work", MeanDisplacement("right", 0)):
+        coarse_interval = goal_bound(result, goal)
+        fine_interval = goal_bound(fine, goal)
+        assert coarse_interval.lower < fine_interval.discrete < coarse_interval.upper
+        assert fine_interval.width < 0.7 * coarse_interval.width
