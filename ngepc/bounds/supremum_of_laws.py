@@ -11,10 +11,10 @@ the supremum over t = rho n outside the ball is that over g >= 0 of
 
 as the best n is the direction of rho p + r w.  Between two values of g the curve (rho, r) is near
 its chord.  On the chord the norm is at most its linear interpolant, and - rho r exceeds its own by
-a parabola.  The slope dr/drho = (beta' + h)/(beta' + M) lies between two values s_0 and s_1, so
-that r differs from the chord by (s_1 - s_0)/4 times the change of rho at most, and N by this times
-the largest of |n : w - c rho|.  Intervals of g are halved where this bound is largest.  Beyond a g with
-c r >= |p| and c rho >= |w|
+a parabola.  The slope dr/drho = (beta' + h)/(beta' + M) lies between two values s_0 and s_1.  So r
+differs from the chord by (s_1 - s_0)/4 times the change of rho at most, and N by this times the
+largest of |n : w - c rho|.  Intervals of g are halved where this bound is largest.  Beyond a g
+with c r >= |p| and c rho >= |w|
 
     N <= rho |p| + r |w| - c rho r.
 """
@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.bounds.parts import portions, square_integrals
+from ngepc.bounds.polynomials import portions, square_integrals
 from ngepc.bounds.supremum import dots
 from ngepc.discretisation.resistance import Resistance
 

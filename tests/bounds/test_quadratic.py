@@ -192,7 +192,7 @@ def test_the_pressure_is_zero_where_the_body_is_far_from_the_obstacle():
     contact = bound_data_of(result.discrete).contact
     pressure = contact.pressure(result.state.multipliers)
     gap = contact.slack(result.state.u)[:, :2]
-    assert (pressure[gap.min(axis=1) > 1e-3] == 0).all()
+    assert pressure[gap.min(axis=1) > 1e-3].max() < 1e-12 * pressure.max()
 
 
 @pytest.mark.parametrize(
