@@ -20,6 +20,7 @@ from ngepc.bounds.transfer import (
     on_mesh,
     parents_in,
 )
+from ngepc.local.indicators import COVERS as ESTIMATED
 from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
@@ -34,10 +35,12 @@ MOST_PASSES = 8
 def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
     """The state of a result on a bisected copy of its mesh, and the parents of the elements.
 
-    None where no element stands out, in three dimensions, and where data belong to the mesh.
+    None where no element stands out, in three dimensions, where data belong to the mesh, and where
+    there are no indicators.
     """
     problem = result.problem
-    if problem.N == 3 or not_carried(problem):
+    estimated = problem.features.keys() <= ESTIMATED
+    if problem.N == 3 or not estimated or not_carried(problem):
         return None
     indicators = error_indicators(result).vec.FV().NumPy()
     found = bisected_where_outstanding(problem.mesh, indicators)
