@@ -421,34 +421,50 @@ class Search:
 
     def refine(self, max_cells: int) -> bool:
         """Cut cells with large gaps and cells of fans; False if that gives too many cells."""
-        last = self.last
-        cells = last.data.cells
-        width = width_of(self.lower, self.upper)
-        share = MARKING
-        if math.isfinite(width):
-            aim = AIM * self.tolerance * (FINISHED if cells.N == 2 else 1.0)
-            share = (1 - aim / width) / EXPECTED
-            self.is_last = cells.N == 2 and share <= ENOUGH
-            share = MARKING if share > ENOUGH else max(LEAST, share)
-        chosen = marked(last.marks, share)
-        if cells.N == 2:
-            flow = last.mechanism
-            dissipated = last.gaps if flow is None else flow.dissipated
-            fans = fan_cells(last.data, self.singular(), dissipated, width)
-            finer, parents = bisected_cells(cells, chosen, fans)
-            data = last.data.on(finer, parents)
+        chosen = marked(self.last.marks, self.share())
+        if self.data.cells.N == 2:
+            data, parents = self.cut_triangles(chosen)
         else:
-            finer, parents = split_corners(self.original)
-            splits = len(finer.nodes) > len(cells.nodes)
-            if splits and self.lower <= NOTHING * self.upper:
-                whole = self.original.on(finer, parents)
-                self.mesh = mesh_of(whole, self.mesh, 1.0)
-            else:
-                self.mesh, parents = bisected(self.mesh, chosen)
-                finer = Simplices.of(self.mesh)
-            self.original = self.original.on(finer, parents)
-            data, _ = self.original.without_units()
-        if len(finer.nodes) > max_cells:
+            data, parents = self.cut_tetrahedra(chosen)
+        if len(data.cells.nodes) > max_cells:
             return False
         self.carry(data, parents)
         return True
+
+    def share(self) -> float:
+        """The share of the gap in the cells to cut; also decides whether the next mesh is last."""
+        width = width_of(self.lower, self.upper)
+        if not math.isfinite(width):
+            return MARKING
+        flat = self.data.cells.N == 2
+        aim = AIM * self.tolerance * (FINISHED if flat else 1.0)
+        share = (1 - aim / width) / EXPECTED
+        self.is_last = flat and share <= ENOUGH
+        return MARKING if share > ENOUGH else max(LEAST, share)
+
+    def cut_triangles(self, chosen: np.ndarray) -> tuple[LimitData, np.ndarray]:
+        """The data on finer triangles, and the parents of these."""
+        data = self.last.data
+        flow = self.last.mechanism
+        dissipated = self.last.gaps if flow is None else flow.dissipated
+        width = width_of(self.lower, self.upper)
+        fans = fan_cells(data, self.singular(), dissipated, width)
+        finer, parents = bisected_cells(data.cells, chosen, fans)
+        return data.on(finer, parents), parents
+
+    def cut_tetrahedra(self, chosen: np.ndarray) -> tuple[LimitData, np.ndarray]:
+        """The data on finer tetrahedra, and the parents of these.
+
+        Cells with several outer facets are cut first, if they keep the lower bound at zero.
+        """
+        finer, parents = split_corners(self.original)
+        splits = len(finer.nodes) > len(self.data.cells.nodes)
+        if splits and self.lower <= NOTHING * self.upper:
+            whole = self.original.on(finer, parents)
+            self.mesh = mesh_of(whole, self.mesh, 1.0)
+        else:
+            self.mesh, parents = bisected(self.mesh, chosen)
+            finer = Simplices.of(self.mesh)
+        self.original = self.original.on(finer, parents)
+        data, _ = self.original.without_units()
+        return data, parents
