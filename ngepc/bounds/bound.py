@@ -251,11 +251,9 @@ def state_of(discrete: DiscreteProblem, result: object) -> State:
     """Displacement and contact forces of any result, with the best plastic strain."""
     if isinstance(result, DiscreteSolution):
         return discrete.state(result.state.u, contact=result.state.contact)
-    problem, rows, pressure = (
-        discrete.problem,
-        discrete.rows,
-        np.zeros(discrete.problem.mesh.nv),
-    )
+    problem = discrete.problem
+    rows = discrete.rows
+    pressure = np.zeros(discrete.problem.mesh.nv)
     where = "|".join(problem.contact_names)
     vertices, values = values_at(result.contact_pressure, problem.mesh, where)
     pressure[vertices] = np.maximum(values[:, 0], 0.0)

@@ -144,7 +144,8 @@ class Boundary(OuterFacets):
         on = self.on(
             self.problem.contact_names, f"contact={in_words(self.problem.contact)}"
         )
-        self.contact, rule = self.facet[on], self.rule
+        self.contact = self.facet[on]
+        rule = self.rule
         psi = self.values(self.problem.psi, on)
         N = self.cells.N
         bent = np.zeros((len(psi), 0))

@@ -68,7 +68,8 @@ class Element:
         )
         forced = np.linalg.lstsq(equations, given, rcond=None)[0]
         both = np.hstack([vectors[rank:].T, forced])
-        self.free, self.moments = len(vectors) - rank, self._facet_moments() @ both
+        self.free = len(vectors) - rank
+        self.moments = self._facet_moments() @ both
         self.stresses = both.reshape((N + 1) ** 2, len(pairs[N]), -1)
         closed = both[:, : self.free] @ np.linalg.pinv(self.moments[:, : self.free])
         self.of_data = np.hstack(

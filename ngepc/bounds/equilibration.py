@@ -37,7 +37,9 @@ class Patches:
     def __init__(self, boundary: Boundary, smallest: float = 0.0) -> None:
         self.smallest = smallest
         c = self.cells = boundary.cells
-        N, moment, signs = c.N, c.slot.ravel(), np.repeat(c.sign.ravel(), c.N)
+        N = c.N
+        moment = c.slot.ravel()
+        signs = np.repeat(c.sign.ravel(), c.N)
         self._order = np.argsort(c.nodes.ravel(), kind="stable")
         number = np.empty_like(self._order)
         number[self._order] = np.arange(len(number))

@@ -88,7 +88,8 @@ def contact_force_bracket(result: ExactResult) -> Bracket:
         As ``error_bound``, for problems without contact, and where the solver fails.
     """
     require_instance("result", result, ExactResult, "a result without gamma")
-    problem, force = result.problem, float(result.contact_force)
+    problem = result.problem
+    force = float(result.contact_force)
     require_covered(problem, "a bracket", COVERS)
     if not problem.contact_names:
         raise ValueError("contact=None: a contact force needs contact")

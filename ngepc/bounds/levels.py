@@ -68,7 +68,9 @@ class TwoLevels(Blocks):
         ``blocks`` are those of ``AirySpace.stiffness``, ``forces`` is the product with all
         unknowns, held ones too.
         """
-        space, part, count = self.space, self.space.of(chosen), self._count
+        space = self.space
+        part = self.space.of(chosen)
+        count = self._count
         self._corners = part.unknowns[:, :9]
         self._edges = part.unknowns[:, 9:] - count
         corners, self._cross, rest = blocks

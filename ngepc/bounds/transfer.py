@@ -211,7 +211,8 @@ def carried_state(
         """Of affine functions with these values at the old vertices."""
         return np.matmul(share, values[there[:, :ends]])
 
-    u, corners = np.empty_like(supports.values), at_corners(old.state.u)
+    u = np.empty_like(supports.values)
+    corners = at_corners(old.state.u)
     if problem.order == 2:
         a, b = np.transpose(EDGES[problem.N])
         bubbles = old.state.u[there[:, ends:]]

@@ -84,7 +84,8 @@ class DiscreteBody:
     @cached_property
     def yield_forces(self) -> float:
         """Norm of nodal forces of stresses at the yield bound."""
-        problem, mesh = self.problem, self.problem.mesh
+        problem = self.problem
+        mesh = self.problem.mesh
         density = (
             problem.kinematics.weight * as_scalar(problem.beta) / specialcf.mesh_size
         )

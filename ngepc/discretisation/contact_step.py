@@ -57,7 +57,8 @@ def with_contact(
     ``solve`` maps nodal forces to displacements, both (nodes, N).  FactorisationError if no forces
     are found.
     """
-    conditions, change = here.body.contact, solve(-here.free_residual)
+    conditions = here.body.contact
+    change = solve(-here.free_residual)
 
     def product(more: np.ndarray) -> np.ndarray:
         """The displacement of the rows by additional forces, which also change the step."""
@@ -226,7 +227,8 @@ def contact_work(
     touching = here.touching_distance
     way = conditions.tangential(conditions.displacement(change))
     moves = np.linalg.norm(np.stack([slip, slip + way]), axis=2).max(axis=0) > touching
-    way, bound = np.where(moves[:, None], way, 0.0), conditions.bound(following)
+    way = np.where(moves[:, None], way, 0.0)
+    bound = conditions.bound(following)
     closed = (here.open_gap <= touching) & (conditions.normal(following) > 0)
     idle = np.append(
         closed | conditions.rows.tied, np.repeat(~moves, conditions.friction.d)

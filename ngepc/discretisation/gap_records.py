@@ -165,7 +165,9 @@ def mapped_facets(
     Shape, nodes in a scalar space (facets, k), its functions at the points (points, k), the surface
     that belongs to them (facets, points), 2 pi r times as much on a ring, and the mapped points.
     """
-    mesh, N, region = problem.mesh, problem.N, problem.mesh.Boundaries(name)
+    mesh = problem.mesh
+    N = problem.N
+    region = problem.mesh.Boundaries(name)
     for shape, rule in rules_of(N - 1, order).items():
         facets = [
             ElementId(BND, facet.nr)

@@ -288,13 +288,13 @@ class Points:
 
     def _blocks(self, inverses: np.ndarray, averaged: bool) -> Iterator[Elements]:
         """The elements of each shape, from the inverse Jacobians at the points."""
-        mesh, N, sizes = self.mesh, self.kinematics.N, np.zeros(self.mesh.ne, dtype=int)
+        mesh = self.mesh
+        N = self.kinematics.N
+        sizes = np.zeros(self.mesh.ne, dtype=int)
         basis = np.concatenate([np.eye(N)[None], self.kinematics.basis[:, :N, :N]])
         if self.kinematics.hoop:
-            ring = (
-                np.append(1.0, self.kinematics.basis[:, 2, 2])[:, None, None]
-                * np.eye(N)[:, :1]
-            )
+            hoop_entries = np.append(1.0, self.kinematics.basis[:, 2, 2])
+            ring = hoop_entries[:, None, None] * np.eye(N)[:, :1]
             basis = np.concatenate([basis, ring], axis=2)
             radii = self.at(x)
         alike = elements_by_shape(mesh)
@@ -311,13 +311,10 @@ class Points:
             if self.order == 2:
                 ids = (ElementId(VOL, number) for number in of_shape.tolist())
                 nodes = np.array([self.scalar.GetDofNrs(one) for one in ids])
-            slopes = np.array(
-                [np.array(fe.CalcDShape(*point)) for point in rule.points]
-            )
             shapes = np.array([np.array(fe.CalcShape(*point)) for point in rule.points])
-            slopes = np.einsum(
-                "pkj,epji->epki", slopes, inverses[points], optimize=True
-            )
+            slopes = np.array([np.array(fe.CalcDShape(*p)) for p in rule.points])
+            given = (slopes, inverses[points])
+            slopes = np.einsum("pkj,epji->epki", *given, optimize=True)
             if self.kinematics.hoop:
                 hoop = shapes / radii[points][:, :, None]
                 slopes = np.concatenate([slopes, hoop[..., None]], axis=3)

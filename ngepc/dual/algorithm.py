@@ -188,7 +188,9 @@ class DualLine(Descent):
     def at(self, t: float) -> DualIterate:
         """The iterate at a step length; the last one is kept."""
         if self._last[0] != t:
-            here, y, v = self.here, self.here.y + t * self.dy, self.here.v + t * self.dv
+            here = self.here
+            y = self.here.y + t * self.dy
+            v = self.here.v + t * self.dv
             self._last = t, here.functional.at(v.Evaluate(), y.Evaluate())
         return self._last[1]
 

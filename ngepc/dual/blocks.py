@@ -136,11 +136,9 @@ class LinearBlocks:
             D += term.Compile() * dx
         for term in saddle.load_terms(self.problem, du, dp):
             load += term
-        self.D, self.load, self.lift = (
-            D.Assemble().mat,
-            load.Assemble().vec,
-            GridFunction(self.Y),
-        )
+        self.D = D.Assemble().mat
+        self.load = load.Assemble().vec
+        self.lift = GridFunction(self.Y)
         given = prescribed_displacement(self.problem, self.Y.components[0])
         self.lift.components[0].vec.data = given.vec
         self.D_lift = (self.D * self.lift.vec).Evaluate()

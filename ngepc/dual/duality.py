@@ -117,7 +117,9 @@ def duality_report(result: DualResult) -> DualityReport:
 
 
 def _contact(result: DualResult) -> dict[str, float]:
-    problem, z, n = result.problem, result.normal_stress, result.problem.normal
+    problem = result.problem
+    z = result.normal_stress
+    n = result.problem.normal
     rules = boundary_rules(problem.N, POINTS)
     measure = ds(definedon=result.functional.blocks.contact, intrules=rules)
     overlap = result.displacement * n - problem.psi

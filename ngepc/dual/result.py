@@ -124,7 +124,8 @@ class DualResult(Result):
     @cached_property
     def equilibrium(self) -> Equilibrium:
         """Nodal forces of loads, obstacles (Lambda* v) and supports."""
-        blocks, V = self.functional.blocks, self.functional.blocks.Y.components[0]
+        blocks = self.functional.blocks
+        V = self.functional.blocks.Y.components[0]
         internal = blocks.D * self.y - blocks.load
         contact = blocks.Lambda.T * self.v
         applied = applied_forces(self.problem, V).T

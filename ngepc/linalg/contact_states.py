@@ -15,7 +15,9 @@ MOST_STATES = 4**8  # that are enumerated: 8 rows
 CHUNK = 4096  # systems that are solved together
 TOLERANCE = 1e-9  # fraction of the largest force by which a condition may be missed
 
-OPEN, STICK, TIED = 0, 1, 2
+OPEN = 0
+STICK = 1
+TIED = 2
 SLIP, LIMIT = 3, 5  # with t = b; one more for t = -b
 
 

@@ -211,7 +211,8 @@ class Closed:
 
         Rows over several nodes pin their own one.
         """
-        rows, count = self.rows, self.rows.shape[0]
+        rows = self.rows
+        count = self.rows.shape[0]
         nodes, which = np.unique(self._nodes, return_inverse=True)
         columns = N * self._nodes[:, None] + np.arange(N)
         normals = np.asarray(rows[np.arange(count)[:, None], columns].todense())

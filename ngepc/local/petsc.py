@@ -193,7 +193,8 @@ class PETScPreconditioner:
         known.prefixPush(prefix)  # PETSc's data base holds at most 512 options
         known.insertString(self._options)
         known.prefixPop()
-        self._pc, self._sides = petsc.PC().create(self._comm), self._matrix.createVecs()
+        self._pc = petsc.PC().create(self._comm)
+        self._sides = self._matrix.createVecs()
         self._pc.setOptionsPrefix(prefix)
         self._pc.setOperators(self._matrix, self._matrix)
         self._pc.setFromOptions()

@@ -165,7 +165,8 @@ class State(Iterate):
         volume, e = points.strain(change)
         pull = supports.pull(change)
         dot = points.processes.dot
-        start, rise = dot(pull, self.u), dot(pull, change)
+        start = dot(pull, self.u)
+        rise = dot(pull, change)
         latest = {}
 
         def at(t: float) -> Return:

@@ -70,7 +70,8 @@ def unit_of(units: UnitNames, kind: str) -> str:
 
 def force_unit(units: UnitNames, problem: Problem) -> str:
     """The unit of forces: stress times an area, in plane models without thickness per length."""
-    length, stress = units.length, units.stress
+    length = units.length
+    stress = units.stress
     if not (length and stress):
         return ""
     per_length = problem.N == 2 and not is_whole_body(problem)
@@ -151,7 +152,8 @@ def describe_material(
     stress = unit_of(units, "stress")
     if material.data_sheet:
         return [_given(name, v, units) for name, v in material.data_sheet.items()]
-    lame_lambda, lame_mu = material.lame_lambda, material.lame_mu
+    lame_lambda = material.lame_lambda
+    lame_mu = material.lame_mu
     rows = [
         row("Lamé parameter λ", amount(lame_lambda, stress)),
         row("Lamé parameter μ", amount(lame_mu, stress)),
@@ -187,7 +189,8 @@ def describe_material(
 
 def _given(name: str, value: object, units: UnitNames) -> dict[str, object]:
     if name == "curve":
-        stress, strains = unit_of(units, "stress"), [strain for strain, _ in value]
+        stress = unit_of(units, "stress")
+        strains = [strain for strain, _ in value]
         ends = f"from {number(value[0][1], stress)} to {number(value[-1][1], stress)}"
         text = f"{len(value)} points, {ends}, strains up to {number(strains[-1])}"
         return row("stress-strain curve of a tensile test", text)
@@ -238,7 +241,8 @@ def _loads(problem: Problem, units: UnitNames) -> Rows:
         sizes = np.linalg.norm(values_at(known, problem.mesh, place)[1], axis=1)
         kind = "traction" if isinstance(place, str) else "force"
         unit = stress if isinstance(place, str) else ""
-        low, high = sizes.min(), sizes.max()
+        low = sizes.min()
+        high = sizes.max()
         size = number(high, unit)
         if high - low > 1e-6 * high:
             size = f"between {number(low, unit)} and {number(high, unit)}"

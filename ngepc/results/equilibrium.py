@@ -61,7 +61,8 @@ class Equilibrium:
 
         A component that several supports hold at a node is shared equally among them.
         """
-        problem, V = self.problem, displacement_space(self.problem)
+        problem = self.problem
+        V = displacement_space(self.problem)
         supports = (*problem.clamped_names, *problem.single("prescribed"))
         here = {place: np.zeros(self.free.shape) for place in supports}
         for _, place, axis, _ in problem.held:

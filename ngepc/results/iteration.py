@@ -232,7 +232,8 @@ def searched(
 
 def slope_rounding(here: Iterate, change: np.ndarray, contact: np.ndarray) -> float:
     """The rounding error of a slope, also where du is only a rounding error of u."""
-    body, processes = here.body, here.body.contact.processes
+    body = here.body
+    processes = here.body.contact.processes
     size = np.abs(here.u)
     forces = np.abs(contact)
     terms = NOISE * np.abs(change) + 2 * EPSILON * size

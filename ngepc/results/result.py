@@ -85,7 +85,8 @@ class Result(Quantities, Ending):
 
     def summary(self) -> dict[str, str]:
         """The summary of a result: name -> text."""
-        problem, mesh = self.problem, self.problem.mesh
+        problem = self.problem
+        mesh = self.problem.mesh
         size = f"{nodes_of(mesh)} nodes, {problem.processes.total(mesh.ne)} elements"
         rows = {
             "status": str(self.status),
@@ -170,7 +171,8 @@ class DiscreteSolution(Result):
     @cached_property
     def equilibrium(self) -> Equilibrium:
         """Nodal forces of loads, obstacles and supports."""
-        state, body = self.state, self.state.body
+        state = self.state
+        body = self.state.body
         others = {p: -f.T for p, f in body.contact.roller_forces(state.contact).items()}
         contact = -state.contact_forces.T - sum(
             others.values(), np.zeros(body.load.T.shape)

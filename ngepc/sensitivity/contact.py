@@ -88,7 +88,9 @@ class LinearContact:
 
         "bound" (m,) is the change of b for the same normal forces.
         """
-        R, pushed, back = self.conditions, self.pushed, self.pushed.T.tocsr()
+        R = self.conditions
+        pushed = self.pushed
+        back = self.pushed.T.tocsr()
         tangential = diags(np.arange(len(R)) >= len(self.closed), dtype=float)
         e = np.where(self.slips[:, None], self.along, 0.0)
         split = self.law.split
@@ -147,7 +149,9 @@ def biactive_set(contact: LinearContact) -> Biactive:
     A gap is compared with the largest displacement and gap; a contact force with the largest one
     and with the force by which the row's elastic stiffness resists that distance.
     """
-    state, law, discrete = contact.state, contact.law, contact.state.discrete
+    state = contact.state
+    law = contact.law
+    discrete = contact.state.discrete
     rows = discrete.rows
     forces = state.multipliers
     distance = BIACTIVE * max(np.abs(state.u).max(), np.abs(rows.gaps).max(initial=0.0))

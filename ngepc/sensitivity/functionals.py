@@ -173,7 +173,8 @@ class Reaction(Declared):
 
         ValueError if the support does not hold the component.
         """
-        discrete, problem = state.discrete, state.discrete.problem
+        discrete = state.discrete
+        problem = state.discrete.problem
         component = require_integer("component", self.component, 0, problem.N - 1)
         (name,) = boundary_names("support", self.support, problem.mesh)
         region = problem.mesh.Boundaries(name)
@@ -209,11 +210,9 @@ points; they have no values on boundaries.
 
 def _of_form(form: Form, state: State) -> Slope:
     """Value and derivatives of a form, by ``Variation``; TypeError if it returns no integrals."""
-    discrete, rows, mesh = (
-        state.discrete,
-        state.discrete.rows,
-        state.discrete.problem.mesh,
-    )
+    discrete = state.discrete
+    rows = state.discrete.rows
+    mesh = state.discrete.problem.mesh
     law = discrete.law
     functions = discrete.points.functions
     kinematics = discrete.points.kinematics

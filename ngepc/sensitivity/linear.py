@@ -121,7 +121,8 @@ class LinearStep:
 
         If supports move, pair the result with data ``with_supports``.
         """
-        discrete, weights = self.discrete, self.discrete.points.weights
+        discrete = self.discrete
+        weights = self.discrete.points.weights
         direct = self.tape.backward(by)
         force = np.zeros_like(self.state.u) + direct["u"]
         if "strain" in direct or "volume" in direct:
@@ -154,7 +155,8 @@ class LinearStep:
         """
         blocks = self._ways[transposed]
         scale = self.contact.stiffness if transposed else 1.0
-        free, right = self._free, self._free * np.append(force.ravel(), scale * given)
+        free = self._free
+        right = self._free * np.append(force.ravel(), scale * given)
         x = np.zeros_like(right)
         left = right
         relative = 1.0

@@ -134,7 +134,8 @@ def changed_data(state: State, direction: Direction) -> Data:
 
     TypeError, ValueError if the problem has no such datum, or the change is not legal for it.
     """
-    discrete, problem = state.discrete, state.discrete.problem
+    discrete = state.discrete
+    problem = state.discrete.problem
     if is_of_part(direction.datum):
         return part_changes(state, direction.datum, direction.change)
     datum, change = _change(problem, direction)
@@ -146,12 +147,9 @@ def changed_data(state: State, direction: Direction) -> Data:
     if datum == "friction":
         require_field(datum, change, problem.mesh, problem.touching_names)
         values = at_rows(problem, discrete.rows, change)
-        coulomb = isinstance(problem.friction, Coulomb)
-        return (
-            Data(coefficient=values)
-            if coulomb
-            else Data(cap=discrete.rows.weights * values)
-        )
+        if isinstance(problem.friction, Coulomb):
+            return Data(coefficient=values)
+        return Data(cap=discrete.rows.weights * values)
     other = ProblemData(
         **problem.given | dict.fromkeys(("clamped", *LOADS)) | {datum: change}
     )
@@ -163,21 +161,26 @@ def changed_data(state: State, direction: Direction) -> Data:
         return Data(volume=-volume, strain=-strain)
     if datum == "initial_plastic_strain":
         return _initial_strain(state, change)
-    gaps = np.zeros(len(discrete.contact))
     if datum == "prescribed":
-        supports = Supports(other)
-        if (
-            other.rollers.keys() != problem.rollers.keys()
-            or supports.values[discrete.free].any()
-        ):
-            raise ValueError(f"prescribed={in_words(change)}: there is no such support")
-        for place, moved in roller_rows(other, supports).items():
-            gaps[discrete.contact.rollers[place]] = moved.gaps
-        return Data(values=supports.values, gaps=gaps)
+        return _prescribed(state, other, change)
+    gaps = np.zeros(len(discrete.contact))
     whole = all(is_number(value) and value == 1 for value in change.values())
     moved = 1.0 if whole else contact_rows(other, discrete.supports).gaps
     gaps[discrete.contact.on_obstacles] = moved
     return Data(gaps=gaps)
+
+
+def _prescribed(state: State, other: ProblemData, change: object) -> Data:
+    """The change of prescribed displacements, which are those of the data ``other``."""
+    discrete = state.discrete
+    supports = Supports(other)
+    rollers_differ = other.rollers.keys() != discrete.problem.rollers.keys()
+    if rollers_differ or supports.values[discrete.free].any():
+        raise ValueError(f"prescribed={in_words(change)}: there is no such support")
+    gaps = np.zeros(len(discrete.contact))
+    for place, moved in roller_rows(other, supports).items():
+        gaps[discrete.contact.rollers[place]] = moved.gaps
+    return Data(values=supports.values, gaps=gaps)
 
 
 def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
@@ -291,12 +294,12 @@ def on_moving_mesh(
 
 def geometry(old: State, state: State) -> Data:
     """Data on a moved mesh, with strains, forces and gaps for the same nodal displacements."""
-    discrete, law, points = state.discrete, state.discrete.law, state.discrete.points
-    contact, cone, material = (
-        discrete.contact,
-        discrete.contact.friction,
-        discrete.problem.material,
-    )
+    discrete = state.discrete
+    law = state.discrete.law
+    points = state.discrete.points
+    contact = discrete.contact
+    cone = discrete.contact.friction
+    material = discrete.problem.material
     stress = old.discrete.law.stress(old.at)
     forces = points.forces(*stress) + discrete.supports.pull(old.u)
     before = old.discrete.law.resistance

@@ -52,13 +52,17 @@ def elastic_solve(problem: Problem) -> float:
 def measure(mode: str, nodes: int) -> dict:
     """One solve in this process, with an elastic solve before it and after each Newton step."""
     ng.SetNumThreads(1)
-    problem, options, start = examples.example("lshape", nodes), NewtonOptions(), None
+    problem = examples.example("lshape", nodes)
+    options = NewtonOptions()
+    start = None
     if mode == ORDER_2:
         problem = replace(problem, order=2)
         mode = "default"
     elif mode not in examples.METHODS:
         start = examples.coarse_start("lshape", float(mode), options)
-    elastic, spans, begin = [elastic_solve(problem)], [], time.process_time()
+    elastic = [elastic_solve(problem)]
+    spans = []
+    begin = time.process_time()
 
     def clock(record: IterationRecord) -> None:
         """Take the time of a step, and of an elastic solve after it."""

@@ -66,7 +66,8 @@ class CountTable(OverMeshes):
 
     def __post_init__(self) -> None:
         self.nodes = first_of(FAMILIES[self.body], self.levels)
-        self.example, self.title = TITLES[self.body], f"Table {self.name[-1]}"
+        self.example = TITLES[self.body]
+        self.title = f"Table {self.name[-1]}"
         self.rows = chosen(
             [*self.paper, *OWN_ROWS], self.rows or [*self.paper, "default"]
         )

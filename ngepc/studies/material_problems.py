@@ -200,13 +200,15 @@ def disc() -> Solved:
         mesh, perfect, None, prescribed=held, kinematics="plane stress", order=2
     )
     exact = disc_limit()
-    low, high = 0.9 * exact, 1.1 * exact
+    low = 0.9 * exact
+    high = 1.1 * exact
     best = None
     while high - low > 2e-3 * exact:
         speed = (low + high) / 2
         result = semismooth_newton(problem.changed(body_force=(speed * x, speed * y)))
         if result.status is Status.CONVERGED:
-            low, best = speed, result
+            low = speed
+            best = result
         else:
             high = speed
     return best, [
@@ -293,7 +295,8 @@ def bree() -> Solved:
         exact = 2 * Y * (1 - 2 * math.sqrt((1 - X) / Y))
         growth, _, last = bree_cycles(X, Y)
         found.append(Quantity(f"growth, X = {X}, Y = {Y}", exact, "C", 0.01, growth))
-    X, Y = 0.4, 3.5
+    X = 0.4
+    Y = 3.5
     growth, _, last = bree_cycles(X, Y)
     exact = 2 * (X * Y - 1)
     found.append(Quantity(f"growth, X = {X}, Y = {Y}", exact, "C", 0.01, growth))
@@ -312,7 +315,10 @@ def relaxation() -> Solved:
 
     Implicit Euler steps of first order, 240 of them, each longer than the one before.
     """
-    young, K, n, start = 150e3, 1500.0, 5.0, 90.0
+    young = 150e3
+    K = 1500.0
+    n = 5.0
+    start = 90.0
     lame_lambda, lame_mu = lame_parameters(young, 0.3)
     creeping = Material(
         lame_lambda=lame_lambda,

@@ -65,7 +65,8 @@ class Table3(OverMeshes):
     )
 
     def __post_init__(self) -> None:
-        self.options, c = PathOptions(inner_scale=self.inner_scale), self.inner_scale
+        self.options = PathOptions(inner_scale=self.inner_scale)
+        c = self.inner_scale
         if c != PathOptions().inner_scale:
             self.name = f"table3_c{c:g}"
             self.title = f"Table 3 with c = {c:g}"
