@@ -45,6 +45,13 @@ QUADRATIC = 5.0
 NEAR = 1e-2
 """If it is smaller than this, too, the factors of the tangent give further steps."""
 
+DEEPER = 1e-2
+"""These go on to this part of the tolerance, as Newton's steps do: the last one squares the
+residual."""
+
+ABOVE = 30.0
+"""They need a residual that is larger than its rounding error by this factor."""
+
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
 
@@ -167,8 +174,8 @@ def newton_step(
     if not converges(here, state):
         return found
     state = settled(here, state)
-    if isinstance(target, ExactTarget) and state.residual_norm < NEAR:
-        state = corrected(state, tangent, target, tolerance)
+    if isinstance(target, ExactTarget) and tolerance < state.residual_norm < NEAR:
+        state = corrected(state, tangent, target, DEEPER * tolerance)
     return state, length, trials
 
 
@@ -183,14 +190,15 @@ def settled(here: Iterate, following: Iterate) -> Iterate:
 
 
 def corrected(
-    state: Iterate, tangent: Any, target: ExactTarget, tolerance: float
+    state: Iterate, tangent: Any, target: ExactTarget, wanted: float
 ) -> Iterate:
     """The state after further steps with the same factors, as long as they converge.
 
-    Each of them is one more solve for the factors, and they save the last factorisations of
-    Newton's method.  A step that does not reduce the residual is not taken.
+    They end where the residual is ``wanted`` or not far above its rounding error.  Each of them is
+    one more solve for the factors, and they save the last factorisations of Newton's method.  A
+    step that does not reduce the residual is not taken.
     """
-    while state.residual_norm > tolerance:
+    while state.residual_norm > max(wanted, ABOVE * state.rounding):
         if state.penetration > state.touching_distance:
             break
         found = searched(state, *target.step(state, tangent))
