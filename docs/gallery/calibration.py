@@ -18,27 +18,29 @@ from ngepc.geometries import block
 TRUTH = {"yield_stress": 2.0, "hardening": 60.0}
 START = {"yield_stress": 5.0, "hardening": 200.0}
 TIMES = (0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.05, 1.1)
-DEPTHS = 0.03 * np.minimum(TIMES, 2 - np.array(TIMES))
-PATH = Schedule(TIMES, lambda t: {"gap": (x - 1) ** 2 / 2 - 0.03 * min(t, 2 - t)})
+DEPTH = 0.03
 YIELDS, HARDENINGS = np.geomspace(1.2, 6, 60), np.geomspace(15, 250, 60)
 
 
 def main(out: Path, coarse: bool = False) -> str:
     """Find the constants and draw the curve beside the landscape of the misfit."""
     mesh = block.mesh(0.25 if coarse else 0.12, (2.0, 1.0))
+    times = TIMES[1::2] if coarse else TIMES
+    depths = [DEPTH * min(t, 2 - t) for t in times]
+    path = Schedule(times, lambda t: {"gap": (x - 1) ** 2 / 2 - DEPTH * min(t, 2 - t)})
 
     def body(**constants: float) -> Problem:
         metal = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, **constants)
         return Problem(mesh, metal, contact="contact", gap=1.0)
 
     def forces(**constants: float) -> np.ndarray:
-        return np.array(evolve(body(**constants), PATH).column("contact_force"))
+        return np.array(evolve(body(**constants), path).column("contact_force"))
 
     exact = forces(**TRUTH)
     noise = 0.02 * exact.max()
     measured = exact + noise * np.random.default_rng(0).standard_normal(len(exact))
     found = calibrate(
-        body(**START), Curve(PATH, "contact_force", measured, noise), START
+        body(**START), Curve(path, "contact_force", measured, noise), START
     )
     assert found.evaluations <= 15
     for name, (low, high) in found.intervals.items():
@@ -64,9 +66,9 @@ def main(out: Path, coarse: bool = False) -> str:
     figure = Figure(figsize=(8.2, 3.5), layout="constrained")
     left, right = figure.subplots(1, 2)
     plain(left, "depth", "contact force")
-    left.plot([0, *DEPTHS], [0, *forces(**START)], "--", color="#9aa3ad", label="start")
-    left.plot([0, *DEPTHS], [0, *forces(**found.values)], color="#c1440e", label="fit")
-    left.errorbar(DEPTHS, measured, 2 * noise, fmt="ko", markersize=4, label="measured")
+    left.plot([0, *depths], [0, *forces(**START)], "--", color="#9aa3ad", label="start")
+    left.plot([0, *depths], [0, *forces(**found.values)], color="#c1440e", label="fit")
+    left.errorbar(depths, measured, 2 * noise, fmt="ko", markersize=4, label="measured")
     left.legend(frameon=False, fontsize=8)
     plain(right, "yield stress", "hardening")
     levels = np.geomspace(1, 10_000, 9)
