@@ -23,7 +23,7 @@ INCREMENTS = (1, 4, 16)
 SEARCHES = ("default", "simplest")
 """Parameters that are tried: the fastest of those with the fewest increments that converge."""
 
-LONGEST = 30.0
+LONGEST = 15.0
 """Seconds after which a run counts as failed."""
 
 
