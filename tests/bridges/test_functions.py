@@ -97,7 +97,7 @@ def test_torch_differentiates_through_a_solve():
     value, slopes = response()(POINT)
     loss = torch_function(response())(theta) ** 2
     loss.backward()
-    assert float(loss) == pytest.approx(value**2, rel=1e-9)
+    assert float(loss.detach()) == pytest.approx(value**2, rel=1e-9)
     np.testing.assert_allclose(theta.grad.numpy(), 2 * value * slopes, rtol=1e-7)
 
 
