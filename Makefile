@@ -61,6 +61,8 @@ campaigns: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results equilibria
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results cones
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results receipts
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results limits
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results shakedown
 
 results: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns.remake $(NAMES)
