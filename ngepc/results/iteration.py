@@ -43,14 +43,7 @@ QUADRATIC = 5.0
 """After a full step that divides the residual by more, w is set to the radial return."""
 
 NEAR = 1e-2
-"""If it is smaller than this, too, the factors of the tangent give further steps."""
-
-DEEPER = 1e-2
-"""These go on to this part of the tolerance, as Newton's steps do: the last one squares the
-residual."""
-
-ABOVE = 30.0
-"""They need a residual that is larger than its rounding error by this factor."""
+"""If it is smaller than this, too, the factors of the tangent give one more step."""
 
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
@@ -174,8 +167,10 @@ def newton_step(
     if not converges(here, state):
         return found
     state = settled(here, state)
-    if isinstance(target, ExactTarget) and tolerance < state.residual_norm < NEAR:
-        state = corrected(state, tangent, target, DEEPER * tolerance)
+    near = tolerance < state.residual_norm < NEAR
+    exact = state.rounding < NEAR * state.residual_norm
+    if near and exact and isinstance(target, ExactTarget):
+        state = corrected(state, tangent, target)
     return state, length, trials
 
 
@@ -189,29 +184,20 @@ def settled(here: Iterate, following: Iterate) -> Iterate:
     return following.with_radial_return() if converges(here, following) else following
 
 
-def corrected(
-    state: Iterate, tangent: Any, target: ExactTarget, wanted: float
-) -> Iterate:
-    """The state after further steps with the same factors, as long as they converge.
+def corrected(state: Iterate, tangent: Any, target: ExactTarget) -> Iterate:
+    """The state after a further step with the same factors, if its residual is smaller.
 
-    They end where the residual is ``wanted`` or not far above its rounding error.  Each of them is
-    one more solve for the factors, and they save the last factorisations of Newton's method.  A
-    step that does not reduce the residual is not taken.
+    One more solve for the factors saves the last ones of Newton's method.
     """
-    while state.residual_norm > max(wanted, ABOVE * state.rounding):
-        if state.penetration > state.touching_distance:
-            break
-        found = searched(state, *target.step(state, tangent))
-        if found is None:
-            break
-        closer, length, _ = found
-        if not closer.residual_norm < state.residual_norm:
-            break
-        before = state
-        state = closer if length < 1.0 else settled(before, closer)
-        if length < 1.0 or not converges(before, closer):
-            break
-    return state
+    if state.penetration > state.touching_distance:
+        return state
+    found = searched(state, *target.step(state, tangent))
+    if found is None:
+        return state
+    closer, length, _ = found
+    if not closer.residual_norm < state.residual_norm:
+        return state
+    return settled(state, closer) if length == 1.0 else closer
 
 
 def searched(

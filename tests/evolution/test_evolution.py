@@ -356,12 +356,12 @@ def test_failing_steps_are_cut_and_said():
     problem = punched(MATERIALS["kinematic"])
     schedule = load_cycle(problem, [1.0])
     whole = evolve(problem, schedule).raise_for_status()
-    assert whole.steps[0].record.iterations > 5
-    cut = evolve(problem, schedule, failing_above(5)).raise_for_status()
+    assert whole.steps[0].record.iterations > 6
+    cut = evolve(problem, schedule, failing_above(6)).raise_for_status()
     assert cut.times[-1] == 1.0
     assert len(cut.steps) > 1
     assert max(cut.column("cuts")) >= 1
-    assert max(cut.column("iterations")) <= 5
+    assert max(cut.column("iterations")) <= 6
     fine = [(t, schedule.changes(t)) for t in cut.times]
     again = evolve(problem, fine).raise_for_status()
     assert again.column("contact_force") == pytest.approx(

@@ -98,8 +98,7 @@ def test_the_solution_is_that_of_the_direct_solver(case, solver):
     assert large.status.label == direct.status.label == "converged"
     assert large.primal_energy == pytest.approx(direct.primal_energy, rel=1e-10)
     assert large.contact_force == pytest.approx(direct.contact_force, rel=1e-7)
-    # The direct solver uses its last factors for further steps, two or three at the end.
-    assert large.iterations <= direct.iterations + 3
+    assert large.iterations <= direct.iterations + 2
     assert sum(large.history.column("linear_iterations")) > 0
     assert large.friction_force == pytest.approx(
         direct.friction_force, rel=1e-6, abs=1e-9
@@ -130,8 +129,8 @@ def test_the_primal_method_takes_the_same_steps(case, solver):
     large = primal_newton(problem, options=PrimalOptions(inverse=solver()))
     assert large.status.label == direct.status.label == "converged"
     assert large.primal_energy == pytest.approx(direct.primal_energy, rel=1e-10)
-    saved = large.iterations - direct.iterations  # last factors give steps at the end
-    assert saved in (0, 1, 2)
+    saved = large.iterations - direct.iterations  # factors give a step more at the end
+    assert saved in (0, 1)
 
 
 @needed
