@@ -31,7 +31,8 @@ def main(out: Path, coarse: bool = False) -> str:
 
     def body(**constants: float) -> Problem:
         metal = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, **constants)
-        return Problem(mesh, metal, contact="contact", gap=1.0)
+        order = 1 if coarse else 2
+        return Problem(mesh, metal, contact="contact", gap=1.0, order=order)
 
     def forces(**constants: float) -> np.ndarray:
         return np.array(evolve(body(**constants), path).column("contact_force"))

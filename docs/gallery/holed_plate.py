@@ -46,7 +46,7 @@ def loop(history):
 
 def main(out: Path, coarse: bool = False) -> str:
     """Compare the area of the last loop with the dissipation, and with a second solver."""
-    problem = quarter(0.2 if coarse else 0.08)
+    problem = quarter(0.3 if coarse else 0.08)
     steps = 4 if coarse else 12
     path = load_cycle(problem, CORNERS, steps)
     history = evolve(problem, path).raise_for_status()

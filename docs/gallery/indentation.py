@@ -25,7 +25,7 @@ def main(out: Path, coarse: bool = False) -> str:
     line = check("contact force", whole.contact_force, DOCUMENTED, 2e-6)
     assert abs(whole.reaction + whole.contact_resultant).max() < 1e-9
 
-    problem = step42_problem(quarter_cube.mesh(6 if coarse else 10))
+    problem = step42_problem(quarter_cube.mesh(4 if coarse else 10))
     graded_result = semismooth_newton(problem).raise_for_status()
     reference = 4 * primal_newton(problem).contact_force
     force = graded_result.contact_force

@@ -21,7 +21,7 @@ LOAD, CORNERS, END = 1.1, (1, -1, 1, 0), (8.0, 1.5)
 
 def main(out: Path, coarse: bool = False) -> str:
     """Compare the spring-back with the elastic displacement, and both methods."""
-    problem = wrench_problem(wrench.paper_mesh(437 if coarse else 1641))
+    problem = wrench_problem(wrench.paper_mesh(245 if coarse else 1641))
     steps = 3 if coarse else 12
     path = load_cycle(problem, [LOAD * c for c in CORNERS], steps)
     history = evolve(problem, path).raise_for_status()

@@ -30,12 +30,13 @@ LABELS = {status.label for status in Status}
 
 ROWS = [
     "usual",
-    *(f"Poisson {value:g}" for value in POISSON[-3:]),
+    f"Poisson {POISSON[-1]:g}",
     *(f"h/mu {value:g}" for value in (1e-1, 1e-4, 1e-6)),
-    *(f"aspect ratio {value:g}" for value in ASPECT[1:]),
+    f"aspect ratio {ASPECT[-1]:g}",
     *(f"contact {value}" for value in CONTACT),
-    *(f"gamma {value:g}" for value in (1e0, 1e3, 1e6, 1e9)),
+    *(f"gamma {value:g}" for value in (1e0, 1e9)),
 ]
+"""The ends of all ranges; the committed table has what lies between."""
 DROWNED = {"h/mu 0.0001", "h/mu 1e-06"}
 """Rows where rounding leaves more than 1e-10 of the dual residual; in the last of the primal."""
 STEEP = {"gamma 1e+06", "gamma 1e+09"}

@@ -74,14 +74,14 @@ def pressed():
 
 
 def rollers():
-    """A quarter of a body with a hole; what is prescribed moves."""
+    """An eighth of a block that is stretched; what is prescribed moves."""
     held = {
         "left": (0, None, None),
         "clamped": (None, None, 0),
         "front": (None, 0, None),
     }
     return Problem(
-        block.with_hole(0.5),
+        block.mesh(0.4),
         MATERIAL,
         clamped=None,
         prescribed={**held, "right": (2e-3 + 1e-3 * z, None, None)},

@@ -81,8 +81,10 @@ def test_a_constant_bound_is_linear_hardening():
     assert not (elastic & ~smooth).any()
 
 
-@pytest.mark.parametrize("feature", ["hardening law", "initial strain"])
-@pytest.mark.parametrize("contact", [{}, {"contact": "contact", "gap": 1e-4}])
+@pytest.mark.parametrize(
+    ("feature", "contact"),
+    [("hardening law", {"contact": "contact", "gap": 1e-4}), ("initial strain", {})],
+)
 def test_intervals_contain_the_value_of_a_fine_mesh(feature, contact):
     problem = finer(replace(featured.problem_with(feature), **contact), 1)
     result = semismooth_newton(problem)

@@ -11,8 +11,9 @@ from ngepc.geometries import block
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("seed", [3, 5, 8])
+@pytest.mark.parametrize("seed", [3, 8])
 def test_statuses_say_how_many_equilibria_there_are(law, seed):
+    """Two problems of each law; the campaign of equilibria judges hundreds."""
     wrong, _ = judged(random_problem(seed, law))
     assert wrong == []
 
@@ -50,8 +51,9 @@ def test_three_equilibria_whatever_the_start(factor):
     assert semismooth_newton(problem, start=near).status is Status.NOT_UNIQUE
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("moved", [-0.01, -0.001, 0.01])
+@pytest.mark.parametrize(
+    ("moved", "order"), [(-0.01, 1), (-0.001, 1), (0.01, 1), (-0.001, 2)]
+)
 def test_a_start_under_another_gap_does_no_harm(order, moved):
     """Its contact forces led nowhere for a gap that is smaller by 0.001."""
     problem = replace(block_on_five_rows(), order=order)

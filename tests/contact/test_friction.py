@@ -255,9 +255,20 @@ def pressed(cells, friction, gap=-0.02, order=1):
     return Problem(mesh, material, **touches, order=order)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("cells", [(8, 4), (3, 3, 3)])
-@pytest.mark.parametrize("friction", [0.0, 2.0, 40.0, Coulomb(0.1), Coulomb(0.8)])
+@pytest.mark.parametrize(
+    ("friction", "cells", "order"),
+    [
+        (0.0, (3, 3, 3), 1),
+        (2.0, (8, 4), 2),
+        (2.0, (3, 3, 3), 1),
+        (40.0, (8, 4), 1),
+        (40.0, (2, 2, 2), 2),
+        (Coulomb(0.1), (8, 4), 1),
+        (Coulomb(0.1), (3, 3, 3), 1),
+        (Coulomb(0.8), (8, 4), 2),
+        (Coulomb(0.8), (2, 2, 2), 2),
+    ],
+)
 def test_plastic_block(cells, friction, order):
     """Iterate, both laws on each row, J + J* = 0, at most two steps more than without friction."""
     smooth = solved(pressed(cells, None, order=order))
@@ -481,9 +492,15 @@ def test_turned_bodies_give_turned_solutions():
     )
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("law", [4.0, Coulomb(0.3)])
-@pytest.mark.parametrize("cells", [(8, 4), (3, 3, 3)])
+@pytest.mark.parametrize(
+    ("cells", "law", "order"),
+    [
+        ((8, 4), 4.0, 1),
+        ((8, 4), Coulomb(0.3), 2),
+        ((2, 2, 2), 4.0, 2),
+        ((3, 3, 3), Coulomb(0.3), 1),
+    ],
+)
 def test_primal_method_agrees(cells, law, order):
     problem = pressed(cells, law, order=order)
     one, two = solved(problem), primal_newton(problem).raise_for_status()

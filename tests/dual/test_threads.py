@@ -25,7 +25,7 @@ def two_threads():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_two_threads_take_the_steps_of_one_to_the_same_energy(method, two_threads):
-    problem, solve = lshape_problem(lshape.paper_mesh(225)), METHODS[method]
+    problem, solve = lshape_problem(lshape.paper_mesh(33)), METHODS[method]
     one = solve(problem)
     with TaskManager():
         two = solve(problem)

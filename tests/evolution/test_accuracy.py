@@ -54,7 +54,7 @@ def rubbing():
 
 
 @pytest.mark.parametrize(
-    ("make", "fine"), [(sphere, 24), (nafems_nl1, 16), (rubbing, 24)]
+    ("make", "fine"), [(sphere, 16), (nafems_nl1, 8), (rubbing, 12)]
 )
 def test_the_estimate_is_within_a_factor_of_two(make, fine):
     problem, schedule = make()
@@ -81,7 +81,7 @@ def test_accuracy_is_reached():
     problem, schedule = sphere()
     errors = []
     counts = []
-    for accuracy in (0.1, 0.01):
+    for accuracy in (0.1, 0.02):
         found = evolve(problem, schedule, accuracy=accuracy)
         assert found.time_error <= accuracy
         errors.append(found.time_error)

@@ -37,7 +37,7 @@ both = pytest.mark.parametrize(
 
 
 def lshape_with(kinematics):
-    paper = lshape_problem(lshape.paper_mesh(225))
+    paper = lshape_problem(lshape.paper_mesh(113))
     load, gap = paper.tractions, 0.1
     data = (paper.mesh, paper.material, "clamped", load, "contact", gap)
     return Problem(*data, kinematics=kinematics)
@@ -119,9 +119,13 @@ def test_friction_costs_little_more_than_contact(solver, law, most):
     assert np.abs(large.state.contact - direct.state.contact).max() < 1e-8 * size
 
 
+FRICTIONLESS = ("solid", "solid, order 2", "little hardening", "plane strain")
+"""Cases that the primal method takes with friction, or with order two, too."""
+
+
 @both
 @pytest.mark.parametrize(
-    "case", [name for name in CASES if not name.startswith(("s", "l"))]
+    "case", sorted(set(CASES) - {*FRICTIONLESS, "Coulomb, order 2"})
 )
 def test_the_primal_method_takes_the_same_steps(case, solver):
     problem = CASES[case]()

@@ -236,18 +236,18 @@ DRAWN = "document.querySelector('.ngepc-lab').state"
 @needs_browser
 @needs_viewer
 def test_dragging_is_live_in_the_browser(served):
-    with Browser(900, 700) as tab:
+    with Browser(600, 500) as tab:
         seen = tab.visit(served)
         tab.wait_for("document.body.dataset.ready === 'yes'")
         start = 10.0 / 12.0
-        tab.drag("input[name=load]", (start, 0.3), 120)
+        tab.drag("input[name=load]", (start, 0.3), 60)
         while_dragging = tab.evaluate(FRAMES)
         tab.wait_for(f"!{DRAWN}.busy")
         tab.settle()
         drawn = tab.evaluate(f"{DRAWN}.drawn")
         load = tab.evaluate("document.querySelector('input[name=load]').exact")
         assert while_dragging >= 5
-        assert tab.evaluate(FRAMES) < 122 * 2
+        assert tab.evaluate(FRAMES) < 62 * 2
         assert 3.0 < load < 4.3
         assert drawn["exact"]
         assert drawn["values"]["load"] == load

@@ -20,6 +20,7 @@ def indentation(depth: float) -> tuple[Problem, Schedule]:
         contact="contact",
         gap=1.0,
         kinematics="plane strain",
+        order=1,
     )
     times = (0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1)
 

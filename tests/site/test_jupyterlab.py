@@ -26,7 +26,13 @@ pytestmark = [
 
 CODE = """from ngepc import lab, lshape_problem
 from ngepc.geometries import lshape
-lab(lshape_problem(lshape.paper_mesh(225)), load=(0, 12), gap=(0, 0.2))"""
+lab(lshape_problem(lshape.paper_mesh(113)), load=(0, 12), gap=(0, 0.2))"""
+LAB = """import sys
+sys.modules["rfc3987_syntax"] = None
+from jupyterlab.labapp import main
+raise SystemExit(main())
+"""
+"""``python -m jupyterlab`` without a grammar of addresses that takes seconds to read."""
 OPTIONS = {
     "ServerApp.ip": "127.0.0.1",
     "IdentityProvider.token": "",
@@ -60,7 +66,7 @@ def book(tmp_path_factory):
 def serving(arguments, log):
     """A server of JupyterLab, from the moment that it says its address."""
     with log.open("w") as out:
-        command = [sys.executable, "-m", "jupyterlab", "--no-browser", *arguments]
+        command = [sys.executable, "-c", LAB, "--no-browser", *arguments]
         server = subprocess.Popen(command, stdout=out, stderr=out)
     end = time.monotonic() + 120
     while "is running at" not in log.read_text() and time.monotonic() < end:
@@ -87,7 +93,7 @@ def here(book):
 @pytest.fixture(scope="module")
 def tab():
     """One browser; each visit opens a new tab."""
-    with Browser(1300, 900) as browser:
+    with Browser(800, 600) as browser:
         yield browser
 
 
@@ -97,7 +103,7 @@ def drag_and_check(tab, seen, here):
     errors = list(seen.errors)
     tab.evaluate("document.querySelector('.ngepc-lab').scrollIntoView(); 1")
     tab.settle()
-    tab.drag(".ngepc-lab input[name=load]", (10 / 12, 0.3), 60)
+    tab.drag(".ngepc-lab input[name=load]", (10 / 12, 0.3), 40)
     while_dragging = tab.evaluate(f"{STATE}.frames")
     tab.wait_for(f"!{STATE}.busy && {STATE}.wanted === null", 60)
     drawn = tab.evaluate(f"{STATE}.drawn")

@@ -5,6 +5,8 @@ import importlib
 import json
 import os
 import re
+import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -36,9 +38,19 @@ def name(path):
     return path.relative_to(FOLDER).as_posix()
 
 
+@cache
+def nbformat():
+    """The library of notebooks, which is slow to import and is when it is needed.
+
+    Without the grammar of international addresses, which takes longer than all the rest.
+    """
+    sys.modules.setdefault("rfc3987_syntax", None)
+    return importlib.import_module("nbformat")
+
+
 def read(path):
-    """A notebook; the libraries for them are slow to import and are when they are needed."""
-    return importlib.import_module("nbformat").read(path, as_version=4)
+    """A notebook."""
+    return nbformat().read(path, as_version=4)
 
 
 def code_cells(path):
@@ -51,20 +63,20 @@ def execute():
 
     ``make docs`` gives each its own.
     """
-    nbformat = importlib.import_module("nbformat")
+    new = nbformat().v4
     client = importlib.import_module("nbclient").NotebookClient(
-        nbformat.v4.new_notebook(), timeout=170, kernel_name="python3"
+        new.new_notebook(), timeout=170, kernel_name="python3"
     )
 
     def run(notebook, folder):
         client.nb = notebook
-        fresh = nbformat.v4.new_code_cell(f"%cd -q {folder}\n%reset -f")
+        fresh = new.new_code_cell(f"%cd -q {folder}\n%reset -f")
         notebook.cells.insert(0, fresh)
         client.execute(cleanup_kc=False, env=ENVIRONMENT)
         return notebook
 
     yield run
-    client.nb = nbformat.v4.new_notebook()
+    client.nb = new.new_notebook()
     client.execute(cleanup_kc=True)
 
 

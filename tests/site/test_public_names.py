@@ -74,7 +74,10 @@ def users_script(folder: Path, more: str = "") -> Path:
 
 
 def test_a_users_script_has_types(tmp_path):
-    """Mypy reads it beside the package; what it finds in unchanged files it keeps in out."""
+    """Mypy reads it beside the package; what it finds in unchanged files it keeps in out.
+
+    It does without the stubs of numpy and matplotlib; pyright reads them below.
+    """
     pytest.importorskip("mypy", reason="mypy reads the script (extra 'test')")
     asked = "import ngepc\nreveal_type(ngepc.Material)\nreveal_type(ngepc.obstacles.Sphere)\n"
     users_script(tmp_path, asked + "reveal_type(result.iterations)\n")
@@ -84,6 +87,7 @@ def test_a_users_script_has_types(tmp_path):
         "mypy",
         "--strict",
         "--follow-imports=silent",
+        "--no-site-packages",
         "script.py",
     ]
     run = subprocess.run(
