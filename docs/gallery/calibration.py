@@ -2,6 +2,9 @@
 
 A parabola is pressed into the block in six steps and drawn back in two; the forces, with random
 errors, are all that ``calibrate`` gets.  The landscape is the sum of squares over both constants.
+
+The constants are data of ``Material``, to which derivatives refer: a bar yields at (3/2)^(1/2)
+times the first, and its plastic modulus is 3/2 times the second.
 """
 
 from pathlib import Path

@@ -1,8 +1,7 @@
 """Cook's membrane: the elastic tip displacement, then a membrane that yields.
 
-The benchmark is plane stress with E = 1, nu = 1/3 and the shear load 1: with 2 x 2 tensors that
-is lambda = E nu / (1 - nu^2) and mu = E / (2 (1 + nu)), both 3/8.  The tip (48, 52) then rises by
-23.96.
+The benchmark is plane stress with E = 1, nu = 1/3 and the shear load 1.  The tip (48, 52) then
+rises by 23.96.
 """
 
 from pathlib import Path
@@ -12,20 +11,19 @@ from shared import check, plain, run, save
 from ngepc import Material, Problem, semismooth_newton
 from ngepc.geometries import cook
 from ngepc.pictures import beside, plot_field
-from ngepc.primal.solver import primal_newton
 
 TIP, REFERENCE = (48.0, 52.0), 23.96
 
 
 def membrane(nodes, yield_stress, order=1):
     """Clamped on the left, sheared on the right."""
-    material = Material.kinematic(
-        lame_lambda=0.375, lame_mu=0.375, yield_stress=yield_stress, hardening=0.05
+    material = Material.metal(
+        young=1.0, poisson=1 / 3, yield_stress=yield_stress, plastic_modulus=0.1
     )
     mesh = cook.bisected_mesh(nodes)
     load = {"load": (0.0, 1 / 16)}
     return Problem(
-        mesh, material, traction=load, kinematics="two-dimensional", order=order
+        mesh, material, traction=load, kinematics="plane stress", order=order
     )
 
 
@@ -35,7 +33,7 @@ def tip(result):
 
 
 def main(out: Path, coarse: bool = False) -> str:
-    """Compare the elastic tip displacement with the benchmark, and where it yields two solvers."""
+    """Compare the elastic tip with the benchmark; where it yields J + J* is the certificate."""
     family = (25, 81, 289) if coarse else (289, 1089, 4225)
     elastic = {
         order: [tip(semismooth_newton(membrane(nodes, 1e3, order))) for nodes in family]
@@ -43,10 +41,10 @@ def main(out: Path, coarse: bool = False) -> str:
     }
     line = check("elastic tip", elastic[2][-1], REFERENCE, 0.003)
 
-    problem = membrane(family[-1], 0.1, order=2)
+    problem = membrane(family[-1], 0.15, order=2)
     yielding = semismooth_newton(problem).raise_for_status()
-    witness = primal_newton(problem).raise_for_status()
-    line += ", where it yields " + check("tip", tip(yielding), tip(witness), 1e-8)
+    gap = (yielding.primal_energy + yielding.dual_energy) / abs(yielding.primal_energy)
+    assert abs(gap) < 1e-9
     assert abs(yielding.reaction + yielding.applied_force).max() < 1e-9
 
     def curve(axes):
@@ -66,7 +64,7 @@ def main(out: Path, coarse: bool = False) -> str:
         )
 
     save(beside(curve, body), out, "cook")
-    return f"cook: {line} (primal)"
+    return f"cook: {line}, where it yields tip {tip(yielding):.5g} (J + J* = {gap:.0e} |J|)"
 
 
 if __name__ == "__main__":

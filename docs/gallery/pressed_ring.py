@@ -1,7 +1,8 @@
 """A ring under internal pressure inside a rigid ring: yielding, contact, and the closed form.
 
 The gap closes while the ring yields from inside.  ``pressed_shell.py`` has the solution,
-with equilibrium, the flow rule and the contact condition satisfied exactly.
+with equilibrium, the flow rule and the contact condition satisfied exactly.  It is that of the
+paper's two-dimensional law, which has no tensile test with the factors of ``Material.metal``.
 """
 
 import math
