@@ -312,7 +312,7 @@ ALL = {
     "ring": lambda: ring.mesh(0.3),
     "quarter ring": lambda: ring.quarter_mesh(0.3),
     "shell": lambda: ring.shell_octant_mesh(0.6),
-    "block with hole": lambda: block.with_hole(0.3),
+    "block with hole": lambda: block.with_hole(0.5),
     "plane block with hole": lambda: block.with_hole(0.2, (1, 1)),
     **BLOCKS,
 }

