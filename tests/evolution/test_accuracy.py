@@ -81,7 +81,7 @@ def test_accuracy_is_reached():
     problem, schedule = sphere()
     errors = []
     counts = []
-    for accuracy in (0.1, 0.04):
+    for accuracy in (0.1, 0.01):
         found = evolve(problem, schedule, accuracy=accuracy)
         assert found.time_error <= accuracy
         errors.append(found.time_error)

@@ -5,9 +5,7 @@ import pytest
 from ngepc.studies.benchmarks import BENCHMARKS, Benchmarks
 from ngepc.studies.solid_problems import Quantity
 
-IN_LIMIT_TESTS = {"vertical cut", "Prandtl's strip"}
-"""Problems that tests/limit/test_limit_load.py solves, to their published values, too."""
-QUICK = sorted(set(BENCHMARKS) - {"sphere on a flat", "SSNV506"} - IN_LIMIT_TESTS)
+QUICK = sorted(set(BENCHMARKS) - {"sphere on a flat", "SSNV506"})
 
 
 @pytest.mark.parametrize("name", QUICK)
