@@ -19,6 +19,7 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
+from scipy.optimize import lsq_linear
 from scipy.sparse import bsr_matrix, csr_matrix
 
 from ngepc.linalg.contact_states import can_be_enumerated, equilibria
@@ -71,8 +72,9 @@ def exchange(
     A ``SmallProblem``: w = gaps + W (x - forces) with W positive definite is the gradient, and
     w >= 0 where x = low, w <= 0 where x = high, w = 0 between them.  Close to the solution the
     forces to start from keep cancellation out of the result.  All indices on the wrong side
-    change sides at once; when that stops making progress the exchanges of Murty's rule follow,
-    which end after finitely many steps (Judice and Pires, Comput. Oper. Res. 19, 1992).
+    change sides at once; when that stops making progress the exchanges of Murty's rule follow
+    (Judice and Pires, Comput. Oper. Res. 19, 1992).  They end after finitely many steps, which may
+    be very many: False if they are more than twice as many as there are forces.
     """
     low = np.broadcast_to(np.asarray(low, dtype=float), forces.shape)
     high = np.broadcast_to(np.asarray(high, dtype=float), forces.shape)
@@ -82,7 +84,7 @@ def exchange(
     fewest = len(gaps) + 1
     patience = PATIENCE
     slack = 1e-14 * max(np.abs(gaps).max(initial=0.0), TINY)
-    for _ in range(100 + 20 * len(gaps)):
+    for _ in range(100 + 2 * len(gaps)):
         free = ~(at_low | at_high)
         change = np.where(free, 0.0, np.where(at_high, high, low) - forces)
         change[free] = -np.linalg.solve(W.block(free), (gaps + W @ change)[free])
@@ -109,6 +111,37 @@ def exchange(
         at_low = (at_low & ~wrong) | (below & wrong)
         at_high = (at_high & ~wrong) | (above & wrong)
     return change, False
+
+
+def in_box(
+    W: Compliance,
+    gaps: np.ndarray,
+    forces: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> tuple[np.ndarray, bool]:
+    """``exchange``, from the solution of bounded least squares where it does not end by itself.
+
+    With W = L L' the quadratic is half the square of L' (x - forces) + L^-1 gaps.
+    """
+    change, exact = exchange(W, gaps, forces, low, high)
+    if exact:
+        return change, exact
+    movable = low < high
+    start = np.where(movable, forces, low)
+    w = gaps + W @ (start - forces)
+    S = W.block(movable)
+    try:
+        L = np.linalg.cholesky((S + S.T) / 2)
+    except np.linalg.LinAlgError:  # rounding
+        return change, exact
+    wanted = L.T @ start[movable] - np.linalg.solve(L, w[movable])
+    bounds = (low[movable], high[movable])
+    near = start.copy()
+    near[movable] = lsq_linear(L.T, wanted, bounds=bounds, method="bvls").x
+    moved = near - forces
+    change, exact = exchange(W, gaps + W @ moved, near, low, high)
+    return moved + change, exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +257,7 @@ class FrictionCone:
         """The ``SmallProblem`` of ``secants``; where Newton's method fails the best that it saw."""
         convex = bool((self.given | self.tied).all())
         if self.d == 0 or (self.d == 1 and convex):
-            change, exact = exchange(W, gaps, forces, *self.box)
+            change, exact = in_box(W, gaps, forces, *self.box)
             if exact or self.d == 0:
                 return change, exact
         n, t = self.split(W.diagonal)

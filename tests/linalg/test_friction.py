@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ngepc.linalg import friction
 from ngepc.linalg.contact_states import can_be_enumerated, equilibria
-from ngepc.linalg.friction import STARTS, FrictionCone, _Equation, exchange
+from ngepc.linalg.friction import STARTS, FrictionCone, _Equation, exchange, in_box
 from ngepc.linalg.secants import Compliance
 
 LAWS = ("Coulomb", "limited", "Tresca", "mixed", "tied")
@@ -167,6 +168,31 @@ def test_exchange_minimises_between_bounds():
         assert (w[at_low & ~at_high] > 0).all()
         assert (w[at_high & ~at_low] < 0).all()
         assert min(at_low.sum(), at_high.sum()) > 0
+
+
+def test_bounded_least_squares_help_exchanges_that_do_not_end(monkeypatch):
+    """The first exchange gives up; from the least squares the second one ends at once."""
+    calls = []
+
+    def impatient(*args):
+        calls.append(args)
+        return exchange(*args) if len(calls) > 1 else (np.zeros(15), False)
+
+    monkeypatch.setattr(friction, "exchange", impatient)
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        n = 15
+        W = Compliance.of(compliance(n, random))
+        gaps = random.normal(size=n)
+        low, high = -random.uniform(0, 1, n), random.uniform(0, 1, n)
+        high[:3] = low[:3]
+        forces = np.clip(random.normal(size=n), low, high)
+        calls.clear()
+        change, exact = in_box(W, gaps, forces, low, high)
+        assert exact
+        assert len(calls) == 2
+        expected, _ = exchange(W, gaps, forces, low, high)
+        np.testing.assert_allclose(change, expected, atol=1e-12)
 
 
 def one_row(law, S, gaps):
