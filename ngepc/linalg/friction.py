@@ -33,6 +33,7 @@ SOFT = (0.3, 0.03)
 STEPS = 30  # Newton steps with each c
 PROXIMAL_STEPS = 60  # at most, where Newton's method alone fails in a convex problem
 SHORTEST = 1e-3  # the shortest step length
+ROUNDING = 1e-13  # of displacements of rows, where forces come from least squares
 TINY = float(np.finfo(float).tiny)  # in place of zero in a denominator
 
 EXACT = 1e-13
@@ -120,7 +121,7 @@ def in_box(
     low: np.ndarray,
     high: np.ndarray,
 ) -> tuple[np.ndarray, bool]:
-    """``exchange``, from the solution of bounded least squares where it does not end by itself.
+    """``exchange``, and bounded least squares where it does not end, as it does by rounding.
 
     With W = L L' the quadratic is half the square of L' (x - forces) + L^-1 gaps.
     """
@@ -140,8 +141,12 @@ def in_box(
     near = start.copy()
     near[movable] = lsq_linear(L.T, wanted, bounds=bounds, method="bvls").x
     moved = near - forces
-    change, exact = exchange(W, gaps + W @ moved, near, low, high)
-    return moved + change, exact
+    caused = W @ moved
+    w = gaps + caused
+    slack = ROUNDING * max(np.abs(gaps).max(), np.abs(caused).max())
+    falls = (w < -slack) & (near < high)
+    grows = (w > slack) & (near > low)
+    return moved, not (falls | grows).any()
 
 
 @dataclass(frozen=True, eq=False)

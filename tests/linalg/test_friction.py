@@ -171,14 +171,8 @@ def test_exchange_minimises_between_bounds():
 
 
 def test_bounded_least_squares_help_exchanges_that_do_not_end(monkeypatch):
-    """The first exchange gives up; from the least squares the second one ends at once."""
-    calls = []
-
-    def impatient(*args):
-        calls.append(args)
-        return exchange(*args) if len(calls) > 1 else (np.zeros(15), False)
-
-    monkeypatch.setattr(friction, "exchange", impatient)
+    """The same minimum between bounds where the exchanges give up."""
+    monkeypatch.setattr(friction, "exchange", lambda *args: (np.zeros(15), False))
     for seed in range(8):
         random = np.random.default_rng(seed)
         n = 15
@@ -187,10 +181,8 @@ def test_bounded_least_squares_help_exchanges_that_do_not_end(monkeypatch):
         low, high = -random.uniform(0, 1, n), random.uniform(0, 1, n)
         high[:3] = low[:3]
         forces = np.clip(random.normal(size=n), low, high)
-        calls.clear()
         change, exact = in_box(W, gaps, forces, low, high)
         assert exact
-        assert len(calls) == 2
         expected, _ = exchange(W, gaps, forces, low, high)
         np.testing.assert_allclose(change, expected, atol=1e-12)
 
