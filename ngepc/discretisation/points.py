@@ -34,7 +34,7 @@ from ngsolve import (
     z,
 )
 
-from ngepc.linalg.cores import in_portions
+from ngepc.linalg.cores import in_order
 from ngepc.model.elements import elements_by_shape, plastic_order, plastic_points
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.problem import Problem
@@ -338,7 +338,7 @@ class Points:
             strain[part.points] = part.strain(u)
 
         for block in self.blocks:
-            deque(in_portions(enter, list(block.parts)), maxlen=0)
+            deque(in_order(enter, list(block.parts)), maxlen=0)
         return strain[:, 0].copy(), strain[:, 1:].copy()
 
     def forces(self, pressure: np.ndarray, deviator: np.ndarray) -> np.ndarray:
@@ -365,9 +365,9 @@ class Points:
         N = self.kinematics.N
         result = np.zeros((count, N))
         for block in self.blocks:
-            values = np.concatenate(
-                list(in_portions(local, list(block.parts)))
-            ).reshape(-1, N)
+            values = np.concatenate(list(in_order(local, list(block.parts)))).reshape(
+                -1, N
+            )
             nodes = block.nodes.ravel()
             for c in range(N):
                 result[:, c] += np.bincount(nodes, values[:, c], minlength=count)

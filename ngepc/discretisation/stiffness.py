@@ -18,7 +18,7 @@ from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix, tril
 
 from ngepc.discretisation.points import Elements, Moduli, Points
-from ngepc.linalg.cores import in_portions
+from ngepc.linalg.cores import in_order
 from ngepc.linalg.direct import both_triangles, lower_triangle
 
 
@@ -161,7 +161,7 @@ class ElementStiffness(Stiffness):
 
         for block, gathers in zip(self._points.blocks, self._gathers, strict=True):
             parts = list(zip(block.parts, gathers, strict=True))
-            for touched, added in in_portions(blocks_of, parts):
+            for touched, added in in_order(blocks_of, parts):
                 values[touched] += added
         return values.reshape(-1, self.N, self.N)
 

@@ -1,9 +1,10 @@
 """Several cores for a solve: threads of Python, and those of NGSolve where cores are free.
 
-NumPy, SciPy, PyAMG and NGSolve release Python's lock while they compute, so that threads of Python
-do the parts of an assembly or a sweep at the same time.  They exist as long as the outermost
-function that is decorated with ``crew()``: none is left when it returns.  What is computed does
-not depend on their number: parts are the same, and are added up in the same order.
+NumPy, SciPy and NGSolve release Python's lock while they compute, so that threads of Python do the
+parts of an assembly or a product at the same time (PyAMG's compiled loops keep it).  They exist as
+long as the outermost function that is decorated with ``crew()``: none is left when it returns.
+What is computed does not depend on their number: parts are the same, and are added up in the same
+order.
 
 NGSolve's own threads wait busily for each other.  Beside other work that takes several times as
 long as one thread, so that they are used only if threads of Python have just had their cores for
@@ -23,7 +24,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import cached_property
 from multiprocessing import parent_process
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from ngsolve import TaskManager
 from pyngcore import GetNumThreads
@@ -31,11 +32,11 @@ from pyngcore import GetNumThreads
 MOST = 4
 """Largest number of threads: Python's own work between compiled loops is done by one at a time."""
 
-SHARES = 8
-"""Portions of a loop for each thread, so that all end at about the same time."""
+AHEAD = 4
+"""Parts that a thread computes before the first of them is used: memory is that of a few."""
 
 FREE = 0.75
-"""Part of the time that threads must have computed for cores to count as free."""
+"""Part of a loop's time that helping threads must have computed for cores to count as free."""
 
 SHORT = 1e-3
 """Shorter loops say nothing of free cores (s)."""
@@ -71,13 +72,66 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
+class _Loop(Generic[Part, Value]):
+    """The parts of a loop, each taken by the thread that is free, and their values in order."""
+
+    def __init__(
+        self, function: Callable[[Part], Value], parts: Sequence[Part]
+    ) -> None:
+        self._function = function
+        self._parts = parts
+        self._numbers = iter(
+            range(len(parts))
+        )  # next() is done by one thread at a time
+        self._values: dict[int, Value] = {}
+        self._failures: list[BaseException] = []
+        self._room = threading.Semaphore(AHEAD)
+        self._arrived = threading.Semaphore(0)
+
+    def help(self) -> float:
+        """Compute parts until none is left; the processor time that this took (s)."""
+        begin = time.thread_time()
+        try:
+            while self._compute_next():
+                self._arrived.release()
+                self._room.acquire()
+        except BaseException as failure:
+            self._failures.append(failure)
+        self._arrived.release()
+        return time.thread_time() - begin
+
+    def values(self) -> Iterator[Value]:
+        """The values in order, computed here as far as helpers have not begun with them."""
+        for number in range(len(self._parts)):
+            while number not in self._values and not self._failures:
+                if not self._compute_next():
+                    self._arrived.acquire()
+            if self._failures:
+                raise self._failures[0]
+            self._room.release()
+            yield self._values.pop(number)
+
+    def stop(self) -> None:
+        """Leave the parts that nobody has begun with."""
+        deque(self._numbers, maxlen=0)
+        self._room.release(len(self._parts) + 1)
+
+    def _compute_next(self) -> bool:
+        """Compute the next part, if there is one."""
+        number = next(self._numbers, None)
+        if number is None:
+            return False
+        self._values[number] = self._function(self._parts[number])
+        return True
+
+
 class Crew:
     """The threads of a solve; ``size`` is their number, by default what is ``usable_threads``."""
 
     def __init__(self, size: int | None = None) -> None:
         self._given = size
         self._process = os.getpid()
-        self._share = 0.0  # of their time that threads have computed in the last loop
+        self._share = 0.0  # of the last loop's time that helping threads have computed
 
     @cached_property
     def size(self) -> int:
@@ -98,32 +152,25 @@ class Crew:
         """Whether the threads had their cores for themselves in the last loop."""
         return self._share >= FREE and self.helps
 
-    def in_portions(
+    def in_order(
         self, function: Callable[[Part], Value], parts: Sequence[Part]
     ) -> Iterator[Value]:
-        """The function of each part, in order; a few portions are computed ahead."""
-        size = max(1, len(parts) // (SHARES * self.size))
-        portions = [parts[k : k + size] for k in range(0, len(parts), size)]
-        busy: list[float] = []
+        """The function of each part, in order; a few parts are computed ahead.
 
-        def work(portion: list[Part]) -> list[Value]:
-            """The values of a portion; the processor time is recorded."""
-            begin = time.thread_time()
-            values = [function(part) for part in portion]
-            busy.append(time.thread_time() - begin)
-            return values
-
+        The caller's thread computes, too: a thread that only waits and is woken for each value
+        costs more than many a part.
+        """
+        loop = _Loop(function, parts)
         begin = time.perf_counter()
-        ahead = deque()
-        for portion in portions:
-            ahead.append(self._pool.submit(work, portion))
-            if len(ahead) > 2 * self.size:
-                yield from ahead.popleft().result()
-        while ahead:
-            yield from ahead.popleft().result()
+        helpers = [self._pool.submit(loop.help) for _ in range(1, self.size)]
+        try:
+            yield from loop.values()
+        finally:
+            loop.stop()
+            busy = [helper.result() for helper in helpers]
         wall = time.perf_counter() - begin
         if wall > SHORT:
-            self._share = sum(busy) / (wall * self.size)
+            self._share = sum(busy) / (wall * len(helpers))
 
     def close(self) -> None:
         """End the threads."""
@@ -153,14 +200,14 @@ def crew(size: int | None = None) -> Iterator[Crew]:
         own.close()
 
 
-def in_portions(
+def in_order(
     function: Callable[[Part], Value], parts: Sequence[Part]
 ) -> Iterator[Value]:
     """The function of each part, in order, by the threads of the crew if there is one."""
     threads = _CREW.get()
     if threads is None or len(parts) < 2 or not threads.helps:
         return map(function, parts)
-    return threads.in_portions(function, parts)
+    return threads.in_order(function, parts)
 
 
 def threads_of_ngsolve() -> AbstractContextManager:

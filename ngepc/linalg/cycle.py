@@ -1,13 +1,11 @@
 """V-cycles of multigrid: Gauss-Seidel forwards before the coarse correction, backwards after it.
 
-The unknowns of the finest level are split into two sets that are not coupled and a thin one
-between them.  Sweeps go through the two at the same time, by threads if there are any, then through
-what is between: an order of Gauss-Seidel's method like any other, whatever the number of threads.
+Products with large matrices are made in two halves, by threads if there are any.  The sweeps are
+not split: PyAMG's compiled loops keep Python's lock, so that two threads would take turns.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -15,30 +13,19 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
-from ngepc.linalg.cores import in_portions
+from ngepc.linalg.cores import in_order
 
 SWEEPS = 2
 """Sweeps before and after the coarse correction."""
 
 LARGE = 10_000
-"""Unknowns from which on sweeps and products are split."""
+"""Unknowns from which on products are split."""
 
 Sweep = Callable[..., None]
-"""The compiled loop of Gauss-Seidel's method over chosen unknowns.
+"""The compiled loop of Gauss-Seidel's method.
 
-The arrays of a CSR matrix, x, the right-hand side, the chosen unknowns, and first, last and step
-among them.
+The arrays of a CSR matrix, x, the right-hand side, and first, last and step among the unknowns.
 """
-
-
-def separated(graph: csr_matrix, side: np.ndarray) -> list[np.ndarray]:
-    """Nodes of two sides that are not coupled, and between them those of one side that are.
-
-    ``graph`` is positive where nodes are coupled, ``side`` is boolean: where each of them is.
-    """
-    coupled = graph @ (~side).astype(np.int32) > 0
-    between = side & coupled
-    return [np.flatnonzero(part) for part in (~side, side & ~between, between)]
 
 
 class Product:
@@ -54,7 +41,7 @@ class Product:
             self._halves = [rows_of(matrix, *pair) for pair in ends]
 
     def __matmul__(self, x: np.ndarray) -> np.ndarray:
-        return np.concatenate(list(in_portions(lambda half: half @ x, self._halves)))
+        return np.concatenate(list(in_order(lambda half: half @ x, self._halves)))
 
 
 def rows_of(matrix: csr_matrix, first: int, last: int) -> csr_matrix:
@@ -70,40 +57,24 @@ def rows_of(matrix: csr_matrix, first: int, last: int) -> csr_matrix:
 
 
 class Sweeps:
-    """Sweeps of Gauss-Seidel's method in ascending order, in place.
+    """Sweeps of Gauss-Seidel's method in ascending order, in place."""
 
-    ``sets`` are unknowns that are not coupled, and at last those between them.
-    """
-
-    def __init__(
-        self, matrix: csr_matrix, sweep: Sweep, sets: Sequence[np.ndarray]
-    ) -> None:
+    def __init__(self, matrix: csr_matrix, sweep: Sweep) -> None:
         self._sweep = sweep
         self._arrays = matrix.indptr, matrix.indices, matrix.data
-        self._sets = [some.astype(matrix.indices.dtype) for some in sets]
 
-    def __call__(self, x: np.ndarray, right: np.ndarray, *, last: bool = True) -> None:
-        """Sweep some times; what is between comes last, or first."""
-
-        def through(those: np.ndarray) -> None:
-            """Sweep through some unknowns."""
-            self._sweep(*self._arrays, x, right, those, 0, len(those), 1)
-
-        *apart, between = self._sets
+    def __call__(self, x: np.ndarray, right: np.ndarray) -> None:
+        """Sweep some times."""
         for _ in range(SWEEPS):
-            if not last:
-                through(between)
-            deque(in_portions(through, apart), maxlen=0)
-            if last:
-                through(between)
+            self._sweep(*self._arrays, x, right, 0, len(x), 1)
 
 
 class Level:
-    """A level: its matrix, the interpolation to it from the next one, and the order of sweeps.
+    """A level: its matrix, the interpolation to it from the next one, and the sweeps.
 
-    ``restriction`` is the transpose of the interpolation ``space``; ``sets`` are as for
-    ``Sweeps``, None for all unknowns.  Backwards is forwards with all unknowns numbered from the
-    end: loops through memory in descending order take four times as long.
+    ``restriction`` is the transpose of the interpolation ``space``.  Backwards is forwards with all
+    unknowns numbered from the end: loops through memory in descending order take four times as
+    long.
     """
 
     def __init__(
@@ -112,21 +83,17 @@ class Level:
         space: csr_matrix,
         restriction: csr_matrix,
         sweep: Sweep,
-        sets: Sequence[np.ndarray] | None = None,
     ) -> None:
-        count = matrix.shape[0]
-        sets = [np.arange(count)] if sets is None else sets
         self.matrix = Product(matrix)
         self.space = space
         self.restriction = restriction
-        self.forwards = Sweeps(matrix, sweep, sets)
-        turned = [count - 1 - some[::-1] for some in sets]
-        self._backwards = Sweeps(from_the_end(matrix), sweep, turned)
+        self.forwards = Sweeps(matrix, sweep)
+        self._backwards = Sweeps(from_the_end(matrix), sweep)
 
     def backwards(self, x: np.ndarray, right: np.ndarray) -> None:
         """The adjoint of ``forwards``, in place."""
         y = x[::-1].copy()
-        self._backwards(y, right[::-1].copy(), last=False)
+        self._backwards(y, right[::-1].copy())
         x[:] = y[::-1]
 
 
@@ -158,7 +125,7 @@ def level_and_coarser(
 
     work = [partial(product, *pair) for pair in ends]
     work.append(partial(make, matrix, space, restriction))
-    *products, level = in_portions(lambda task: task(), work)
+    *products, level = in_order(lambda task: task(), work)
     return level, vstack(products, format="csr")
 
 

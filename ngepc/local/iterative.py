@@ -20,7 +20,7 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import FEW
 from ngepc.discretisation.stiffness import Blocks, Stiffness
-from ngepc.linalg.cores import in_portions
+from ngepc.linalg.cores import in_order
 from ngepc.linalg.cycle import Product
 from ngepc.linalg.descent import Linear, conjugate_gradients, minimal_residuals
 from ngepc.linalg.direct import FactorisationError
@@ -84,7 +84,7 @@ class FullPattern:
         self._source = whole.data  # number of a block from 1 on, negative if transposed
         ones = np.ones(len(whole.indices), dtype=np.int32)
         self.blocks = csr_matrix((ones, whole.indices, whole.indptr), (nodes, nodes))
-        self._rows = rows_in_portions(whole.indptr, CHUNK // self._N**2)
+        self._rows = rows_in_order(whole.indptr, CHUNK // self._N**2)
         self._columns: np.ndarray | None = None
         kept = diags(lower.free.any(axis=1), dtype=np.int32)
         self.graph = (kept @ self.blocks @ kept).tocsr()
@@ -109,7 +109,7 @@ class FullPattern:
             if first:
                 self._columns[here] = part.indices
 
-        deque(in_portions(fill, self._rows), maxlen=0)
+        deque(in_order(fill, self._rows), maxlen=0)
         if before is not None:
             return before
         widths = np.repeat(N * np.diff(self.blocks.indptr), N)
@@ -154,7 +154,7 @@ def placed(lower: Blocks, kept: slice | np.ndarray, numbers: np.ndarray) -> csr_
     return csr_matrix(arrays, shape=(nodes, nodes))
 
 
-def rows_in_portions(starts: np.ndarray, size: int) -> list[slice]:
+def rows_in_order(starts: np.ndarray, size: int) -> list[slice]:
     """Rows of a CSR pattern in portions of about so many entries, at least one row each."""
     count = len(starts) - 1
     entries = np.arange(0, starts[-1], size)

@@ -10,14 +10,7 @@ from scipy.sparse import bsr_matrix, csr_matrix, eye
 
 from ngepc.discretisation.body import DiscreteBody
 from ngepc.linalg.aggregation import COARSEST
-from ngepc.linalg.cycle import (
-    LARGE,
-    Level,
-    coarsest_solver,
-    level_and_coarser,
-    separated,
-    v_cycle,
-)
+from ngepc.linalg.cycle import Level, coarsest_solver, level_and_coarser, v_cycle
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import (
     FullPattern,
@@ -25,7 +18,6 @@ from ngepc.local.iterative import (
     Preconditioner,
     low_energy_modes,
 )
-from ngepc.model.elements import vertex_coordinates
 from ngepc.model.processes import require_whole
 
 try:
@@ -70,9 +62,6 @@ class VCycles:
     def __init__(self, pattern: FullPattern, body: DiscreteBody) -> None:
         self._N = body.problem.N
         self._modes = low_energy_modes(body)
-        self._sets: list[np.ndarray] | None = None
-        if len(self._modes) >= LARGE:
-            self._sets = split_unknowns(pattern.blocks, body)
         self._spaces: list[csr_matrix] = []
         self._restrictions: list[csr_matrix] = []
 
@@ -83,29 +72,12 @@ class VCycles:
 
     def update(self, pinned: csr_matrix) -> Linear:
         """See ``Preconditioner``."""
-        sweep = pyamg.amg_core.gauss_seidel_indexed
-        sets = self._sets
+        make = partial(Level, sweep=pyamg.amg_core.gauss_seidel)
         levels = []
         for pair in zip(self._spaces, self._restrictions, strict=True):
-            make = partial(Level, sweep=sweep, sets=sets)
             level, pinned = level_and_coarser(make, pinned, *pair)
             levels.append(level)
-            sets = None
         return partial(v_cycle, levels, coarsest_solver(pinned))
-
-
-def split_unknowns(blocks: csr_matrix, body: DiscreteBody) -> list[np.ndarray]:
-    """Unknowns on two sides of a plane through the body, and those between; see ``Level``.
-
-    A node that is no vertex is where the mean of the vertices is that it is coupled with.
-    """
-    x = vertex_coordinates(body.problem.mesh)
-    x = x[:, np.ptp(x, axis=0).argmax()]
-    near = blocks[:, : len(x)]
-    place = (near @ x) / (near @ np.ones(len(x)))
-    nodes = separated(blocks, place > np.median(place))
-    N = body.problem.N
-    return [(N * some[:, None] + np.arange(N)).ravel() for some in nodes]
 
 
 def coarse_spaces(matrix: csr_matrix, modes: np.ndarray, N: int) -> list[csr_matrix]:

@@ -16,7 +16,7 @@ from ngepc.local.iterative import (
     FullPattern,
     Iterative,
     IterativeTangent,
-    rows_in_portions,
+    rows_in_order,
 )
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly, starting_state
@@ -204,7 +204,7 @@ def test_linear_systems_are_solved_as_exactly_as_the_step_deserves(discrete):
 def test_portions_of_rows_follow_each_other():
     starts = np.array([0, 3, 3, 10, 11, 30])
     for size in (1, 4, 12, 100):
-        portions = rows_in_portions(starts, size)
+        portions = rows_in_order(starts, size)
         assert portions[0].start == 0
         assert portions[-1].stop == 5
         assert all(a.stop == b.start for a, b in pairwise(portions))
