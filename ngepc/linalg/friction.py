@@ -19,13 +19,12 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from scipy.optimize import lsq_linear
 from scipy.sparse import bsr_matrix, csr_matrix
 
 from ngepc.linalg.contact_states import can_be_enumerated, equilibria
 from ngepc.linalg.secants import Compliance
 
-PATIENCE = 10  # exchanges without progress before those of Murty's rule take over
+PATIENCE = 10  # exchanges without progress before steps that descend take over
 
 SOFT = (0.3, 0.03)
 """c times the compliance of a row; a second value is tried if Newton's method cycles."""
@@ -33,7 +32,8 @@ SOFT = (0.3, 0.03)
 STEPS = 30  # Newton steps with each c
 PROXIMAL_STEPS = 60  # at most, where Newton's method alone fails in a convex problem
 SHORTEST = 1e-3  # the shortest step length
-ROUNDING = 1e-13  # of displacements of rows, where forces come from least squares
+ROUNDING = 1e-13  # of displacements of rows, where forces come from steps that descend
+DESCENTS = 20  # the largest number of such steps, relative to that of forces
 TINY = float(np.finfo(float).tiny)  # in place of zero in a denominator
 
 EXACT = 1e-13
@@ -61,7 +61,7 @@ STARTS = 5 + 2 * len(FACTORS) + 2 * len(SHIFTS)
 """How many there are."""
 
 
-def exchange(
+def in_box(
     W: Compliance,
     gaps: np.ndarray,
     forces: np.ndarray,
@@ -72,25 +72,39 @@ def exchange(
 
     A ``SmallProblem``: w = gaps + W (x - forces) with W positive definite is the gradient, and
     w >= 0 where x = low, w <= 0 where x = high, w = 0 between them.  Close to the solution the
-    forces to start from keep cancellation out of the result.  All indices on the wrong side
-    change sides at once; when that stops making progress the exchanges of Murty's rule follow
-    (Judice and Pires, Comput. Oper. Res. 19, 1992).  They end after finitely many steps, which may
-    be very many: False if they are more than twice as many as there are forces.
+    forces to start from keep cancellation out of the result.  Whether the change is exact.
     """
     low = np.broadcast_to(np.asarray(low, dtype=float), forces.shape)
     high = np.broadcast_to(np.asarray(high, dtype=float), forces.shape)
+    found = exchanged(W, gaps, forces, low, high)
+    if found is None:
+        return lowered_in_box(W, gaps, forces, low, high)
+    return found, True
+
+
+def exchanged(
+    W: Compliance,
+    gaps: np.ndarray,
+    forces: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray | None:
+    """See ``in_box``: all forces on the wrong side of a bound change sides at once.
+
+    None if that stops making progress (Judice and Pires, Comput. Oper. Res. 19, 1992).
+    """
     at_low = forces <= low
     at_high = (forces >= high) & ~at_low
     movable = low < high
     fewest = len(gaps) + 1
     patience = PATIENCE
     slack = 1e-14 * max(np.abs(gaps).max(initial=0.0), TINY)
-    for _ in range(100 + 2 * len(gaps)):
+    while patience > 0:
         free = ~(at_low | at_high)
         change = np.where(free, 0.0, np.where(at_high, high, low) - forces)
         change[free] = -np.linalg.solve(W.block(free), (gaps + W @ change)[free])
         if not np.isfinite(change).all():
-            break
+            return None
         w = gaps + W @ change
         x = np.where(free, forces + change, 0.0)
         rounding = 1e-14 * np.abs(x).max(initial=0.0)
@@ -101,52 +115,68 @@ def exchange(
         count = np.count_nonzero(wrong)
         if count == 0:
             change = np.where(free & (x <= low), low - forces, change)
-            return np.where(free & (x >= high), high - forces, change), True
-        if count < fewest:
-            fewest = count
-            patience = PATIENCE
-        else:
-            patience -= 1
-        if patience <= 0:
-            wrong = np.arange(len(gaps)) == np.flatnonzero(wrong)[-1]
+            return np.where(free & (x >= high), high - forces, change)
+        patience = PATIENCE if count < fewest else patience - 1
+        fewest = min(fewest, count)
         at_low = (at_low & ~wrong) | (below & wrong)
         at_high = (at_high & ~wrong) | (above & wrong)
-    return change, False
+    return None
 
 
-def in_box(
+def lowered_in_box(
     W: Compliance,
     gaps: np.ndarray,
     forces: np.ndarray,
     low: np.ndarray,
     high: np.ndarray,
 ) -> tuple[np.ndarray, bool]:
-    """``exchange``, and bounded least squares where it does not end, as it does by rounding.
+    """See ``in_box``: by steps that lower the quadratic, so that none comes back.
 
-    With W = L L' the quadratic is half the square of L' (x - forces) + L^-1 gaps.
+    Some forces are held at their bounds.  The others go where they minimise the quadratic, cut off
+    at their bounds if that lowers it, else as far as the first bound that they meet; those that
+    have met one are held, too.  At a minimum the one is released that the gradient pulls inwards
+    most (Nocedal and Wright, Numerical Optimization, 2006, section 16.5).
     """
-    change, exact = exchange(W, gaps, forces, low, high)
-    if exact:
-        return change, exact
-    movable = low < high
-    start = np.where(movable, forces, low)
-    w = gaps + W @ (start - forces)
-    S = W.block(movable)
-    try:
-        L = np.linalg.cholesky((S + S.T) / 2)
-    except np.linalg.LinAlgError:  # rounding
-        return change, exact
-    wanted = L.T @ start[movable] - np.linalg.solve(L, w[movable])
-    bounds = (low[movable], high[movable])
-    near = start.copy()
-    near[movable] = lsq_linear(L.T, wanted, bounds=bounds, method="bvls").x
-    moved = near - forces
-    caused = W @ moved
-    w = gaps + caused
-    slack = ROUNDING * max(np.abs(gaps).max(), np.abs(caused).max())
-    falls = (w < -slack) & (near < high)
-    grows = (w > slack) & (near > low)
-    return moved, not (falls | grows).any()
+    x = np.clip(forces, low, high)
+    caused = W @ (x - forces)
+    held = (x <= low) | (x >= high)
+    for _ in range(DESCENTS * len(forces)):
+        w = gaps + caused
+        free = ~held
+        step = np.zeros_like(x)
+        step[free] = -np.linalg.solve(W.block(free), w[free])
+        if not np.isfinite(step).all():
+            break
+        nearer = np.clip(x + step, low, high)
+        whole = np.array_equal(nearer, x + step)
+        moved = nearer - x
+        if not whole and moved @ (w + W @ moved / 2) >= 0:
+            nearer = up_to_the_first_bound(x, step, low, high)
+        x = nearer
+        caused = W @ (x - forces)
+        held |= (x <= low) | (x >= high)
+        if whole:
+            w = gaps + caused
+            slack = ROUNDING * max(np.abs(gaps).max(), np.abs(caused).max())
+            falls = (w < -slack) & (x < high)
+            grows = (w > slack) & (x > low)
+            inwards = held & (falls | grows)
+            if not inwards.any():
+                return x - forces, True
+            held[np.argmax(np.where(inwards, w**2 / W.diagonal, 0.0))] = False
+    return x - forces, False
+
+
+def up_to_the_first_bound(
+    x: np.ndarray, step: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """The point of x + t step, t >= 0, where the first force meets a bound, exactly there."""
+    ahead = np.where(step > 0, high, low)
+    moves = step != 0
+    lengths = np.full(len(x), np.inf)
+    lengths[moves] = (ahead[moves] - x[moves]) / step[moves]
+    shortest = lengths.min()
+    return np.where(lengths <= shortest, ahead, x + shortest * step)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from ngepc.linalg.friction import exchange
+from ngepc.linalg.friction import in_box
 from ngepc.linalg.secants import Compliance, solve_by_secants
 
 
@@ -63,7 +63,7 @@ def test_exchange_meets_the_conditions(rng, condition):
     for n in (1, 3, 20, 60):
         W = known(spd(rng, n, condition))
         gaps, forces = rng.normal(size=n), np.maximum(rng.normal(size=n), 0)
-        change, exact = exchange(W, gaps, forces)
+        change, exact = in_box(W, gaps, forces)
         assert exact
         x, w = forces + change, gaps + W @ change
         assert x.min() >= 0
@@ -74,7 +74,7 @@ def test_exchange_finds_the_solution_among_all_active_sets(rng):
     for _ in range(40):
         A, q, x0 = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6)
         S, x0 = A @ A.T + 1e-3 * np.eye(6), np.maximum(x0, 0)
-        found = x0 + exchange(known(S), q + S @ x0, x0)[0]
+        found = x0 + in_box(known(S), q + S @ x0, x0)[0]
         candidates = []
         for active in itertools.product([False, True], repeat=6):
             s, z = np.array(active), np.zeros(6)
@@ -95,13 +95,13 @@ def test_secants_find_the_forces_with_few_products(rng):
         return S @ d
 
     W = Compliance(np.diag(S).copy())
-    x = solve_by_secants(exchange, product, W, gaps, nothing, 1e-12)
+    x = solve_by_secants(in_box, product, W, gaps, nothing, 1e-12)
     assert np.abs(np.minimum(x, gaps + S @ x)).max() < 1e-11
     assert len(products) <= 41
     assert sum(products) == pytest.approx(x, abs=1e-12)
     products.clear()
     S *= 1 + 1e-6
-    again = solve_by_secants(exchange, product, W, gaps + S @ x, x, 1e-12)
+    again = solve_by_secants(in_box, product, W, gaps + S @ x, x, 1e-12)
     assert np.abs(np.minimum(again, gaps + S @ again)).max() < 1e-11
     assert len(products) <= 3
 
@@ -111,7 +111,7 @@ def test_dependent_rows_share_a_force():
     S = np.ones((2, 2))
     for gaps, forces in (([-1.0, -1.0], [0.5, 0.5]), ([-1.0, -2.0], [0.0, 2.0])):
         W = Compliance(np.ones(2))
-        found = solve_by_secants(exchange, S.dot, W, np.array(gaps), np.zeros(2), 1e-12)
+        found = solve_by_secants(in_box, S.dot, W, np.array(gaps), np.zeros(2), 1e-12)
         assert found == pytest.approx(forces)
         assert (np.array(gaps) + S @ found >= -1e-12).all()
 
@@ -120,6 +120,6 @@ def test_numbers_that_are_not_finite_are_refused():
     W = Compliance(np.ones(2))
     gaps = np.array([-1.0, -1.0])
     assert (
-        solve_by_secants(exchange, lambda d: d * np.nan, W, gaps, np.zeros(2), 1e-12)
+        solve_by_secants(in_box, lambda d: d * np.nan, W, gaps, np.zeros(2), 1e-12)
         is None
     )
