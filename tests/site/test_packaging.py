@@ -120,13 +120,13 @@ def test_the_paper_has_the_table_of_the_results():
 def test_citation_files_agree():
     yaml = pytest.importorskip("yaml", reason="comes with the extra docs")
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    readme = (ROOT / "README.md").read_text("utf-8")
+    page = (ROOT / "docs" / "citing.md").read_text("utf-8")
     assert citation["version"] == ngepc.__version__
     release = f"## {citation['version']} ({citation['date-released']})"
     assert release in (ROOT / "CHANGELOG.md").read_text("utf-8").splitlines()
-    assert f"version = {{{citation['version']}}}" in readme
+    assert f"version = {{{citation['version']}}}" in page
     for title in (citation["title"], citation["references"][0]["title"]):
-        assert title in readme.replace("{Newton}", "Newton")
+        assert title in page.replace("{Newton}", "Newton")
 
 
 def test_binder_and_conda_install_the_package_with_its_notebooks():
