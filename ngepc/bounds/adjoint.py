@@ -81,7 +81,121 @@ class Start:
     base: Held
 
 
-class AdjointProblem:
+class ContactConditions:
+    """The conditions |c - z . n| <= lambda gap of adjoints, for the ``slack`` of a displacement."""
+
+    def __init__(self, bound_data: BoundData, slack: np.ndarray) -> None:
+        self.bound_data = bound_data
+        self.slack = slack
+
+    def repaired(
+        self, goal: GoalTerms, z: np.ndarray, factor: float, rounding: float = ROUNDING
+    ) -> tuple[np.ndarray, float]:
+        """Change z such that |c - z . n| <= lambda gap everywhere; return z and the least lambda.
+
+        ``rounding`` is the tolerance of the conditions.
+
+        At a vertex that is both supported and in contact z cannot be changed; lambda may then be
+        infinite.
+        """
+        z = z.copy()
+        contact = self.bound_data.contact
+        N = self.bound_data.cells.N
+        for _ in range(NORMAL_PASSES):
+            mismatch = self.mismatch(goal, z)[:, :N]
+            most = factor * self.slack[:, :N]
+            beyond = mismatch - np.clip(mismatch, -most, most)
+            if np.abs(beyond).max(initial=0.0) <= rounding * (
+                1 + np.abs(mismatch).max(initial=0)
+            ):
+                break
+            for end in range(N):
+                mismatch = self.mismatch(goal, z)[:, end]
+                most = factor * self.slack[:, end]
+                more = mismatch - np.clip(mismatch, -most, most)
+                # the facets around a vertex have different conditions: one that is
+                # satisfied but for rounding must not undo what another one asks for
+                rounded = rounding * (1 + np.abs(mismatch).max(initial=0.0))
+                more[np.abs(more) <= rounded] = 0.0
+                self._raise(z, contact.nodes[:, end], more, 1.0)
+        if self.bound_data.problem.order == 2:
+            self._repair_edges(goal, z, factor, rounding)
+        return z, self.least(goal, z, factor)
+
+    def _repair_edges(
+        self, goal: GoalTerms, z: np.ndarray, factor: float, rounding: float
+    ) -> None:
+        """Change z at edges until the conditions hold between the vertices."""
+        contact = self.bound_data.contact
+        N = self.bound_data.cells.N
+        for _ in range(NORMAL_PASSES):
+            most = 0.0
+            size = np.abs(self.mismatch(goal, z)).max(initial=0.0)
+            for k in range(contact.nodes.shape[1] - N):
+                low, high = self._middles(goal, z, factor)
+                middle = contact.edge_coefficients(self.mismatch(goal, z))
+                more = (middle - np.clip(middle, low, np.maximum(low, high)))[:, k]
+                more[np.abs(more) <= rounding * (1 + size)] = 0.0
+                self._raise(z, contact.nodes[:, N + k], 2 * more, BUBBLE)
+                most = max(most, np.abs(more).max(initial=0.0))
+            if most == 0.0:
+                break
+
+    def mismatch(self, goal: GoalTerms, z: np.ndarray) -> np.ndarray:
+        """c - z . n at ``ContactFacets.nodes``, shape (facets, nodes)."""
+        contact = self.bound_data.contact
+        mismatch = -np.einsum("eac,ec->ea", z[contact.nodes], contact.normal)
+        mismatch[:, : self.bound_data.cells.N] += goal.factor[:, None]
+        return mismatch
+
+    def _raise(
+        self, z: np.ndarray, nodes: np.ndarray, amount: np.ndarray, value: float
+    ) -> None:
+        """Increase z . n at nodes of facets by an amount (facets,) where supports allow it."""
+        contact = self.bound_data.contact
+        free = self.bound_data.discrete.supports.free[nodes]
+        n = np.where(free, contact.normal, 0.0)
+        square = np.einsum("ec,ec->e", n, n)
+        there = (amount != 0) & (square > LEVEL)
+        share = amount[there] / square[there] / value
+        z[nodes[there]] += n[there] * share[:, None]
+
+    def _middles(
+        self, goal: GoalTerms, z: np.ndarray, factor: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the edge coefficients of c - z . n for displacements of order two.
+
+        A parabola with Bernstein coefficients a, m, b is nonnegative if a, b >= 0 and
+        m >= -(a b)^(1/2); a quadratic function on a triangle, if all coefficients are >= 0.
+        """
+        slack = self.slack
+        middle = factor * self.bound_data.contact.edge_coefficients(slack)
+        if self.bound_data.cells.N == 3:
+            return -middle, middle
+        mismatch = self.mismatch(goal, z)[:, :2]
+        above = np.maximum(factor * slack[:, :2] - mismatch, 0.0)
+        below = np.maximum(factor * slack[:, :2] + mismatch, 0.0)
+        high = middle + np.sqrt(above.prod(axis=1))[:, None]
+        low = -middle - np.sqrt(below.prod(axis=1))[:, None]
+        return low, high
+
+    def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
+        """``factor`` if the conditions hold up to rounding, else infinity."""
+        N = self.bound_data.cells.N
+        mismatch = self.mismatch(goal, z)
+        size = ROUNDING * (1 + np.abs(mismatch).max(initial=0.0)) * 10
+        missed = np.abs(mismatch[:, :N]) - factor * self.slack[:, :N]
+        if missed.max(initial=0.0) > size:
+            return np.inf
+        if self.bound_data.problem.order == 2 and len(mismatch):
+            low, high = self._middles(goal, z, factor)
+            middle = self.bound_data.contact.edge_coefficients(mismatch)
+            if max((low - middle).max(), (middle - high).max()) > size:
+                return np.inf
+        return factor
+
+
+class AdjointProblem(ContactConditions):
     """Adjoints of goals around one state.
 
     ``error`` is the relative error of the state.  ``tangent`` are factors at the state, or near it,
@@ -99,16 +213,16 @@ class AdjointProblem:
         search: Any = None,
         compliance: Compliance | None = None,
     ) -> None:
-        self.bound_data = bound_data
+        slack = bound_data.contact.slack(state.u)
+        N = bound_data.cells.N
+        slack[:, :N] = np.maximum(slack[:, :N], 0.0)
+        super().__init__(bound_data, slack)
         self.state = state
         self.P = P
         if tangent is None:
             tangent = Factors(bound_data.discrete, "sparsecholesky")
         factorise(state.with_radial_return(), tangent)
         self.tangent = tangent
-        N = bound_data.cells.N
-        self.slack = bound_data.contact.slack(state.u)
-        self.slack[:, :N] = np.maximum(self.slack[:, :N], 0.0)
         rows = bound_data.discrete.rows
         self._rows = rows.normal.tocsr()
         count = len(rows)
@@ -277,105 +391,3 @@ class AdjointProblem:
         return other.adjoint_stress(
             self.state, self.tangent, self._search, near, z, moments
         )
-
-    def repaired(
-        self, goal: GoalTerms, z: np.ndarray, factor: float
-    ) -> tuple[np.ndarray, float]:
-        """Change z such that |c - z . n| <= lambda gap everywhere; return z and the least lambda.
-
-        At a vertex that is both supported and in contact z cannot be changed; lambda may then be
-        infinite.
-        """
-        z = z.copy()
-        contact = self.bound_data.contact
-        N = self.bound_data.cells.N
-        for _ in range(NORMAL_PASSES):
-            mismatch = self.mismatch(goal, z)[:, :N]
-            most = factor * self.slack[:, :N]
-            beyond = mismatch - np.clip(mismatch, -most, most)
-            if np.abs(beyond).max(initial=0.0) <= ROUNDING * (
-                1 + np.abs(mismatch).max(initial=0)
-            ):
-                break
-            for end in range(N):
-                mismatch = self.mismatch(goal, z)[:, end]
-                most = factor * self.slack[:, end]
-                more = mismatch - np.clip(mismatch, -most, most)
-                # the facets around a vertex have different conditions: one that is
-                # satisfied but for rounding must not undo what another one asks for
-                rounded = ROUNDING * (1 + np.abs(mismatch).max(initial=0.0))
-                more[np.abs(more) <= rounded] = 0.0
-                self._raise(z, contact.nodes[:, end], more, 1.0)
-        if self.bound_data.problem.order == 2:
-            self._repair_edges(goal, z, factor)
-        return z, self.least(goal, z, factor)
-
-    def _repair_edges(self, goal: GoalTerms, z: np.ndarray, factor: float) -> None:
-        """Change z at edges until the conditions hold between the vertices."""
-        contact = self.bound_data.contact
-        N = self.bound_data.cells.N
-        for _ in range(NORMAL_PASSES):
-            most = 0.0
-            size = np.abs(self.mismatch(goal, z)).max(initial=0.0)
-            for k in range(contact.nodes.shape[1] - N):
-                low, high = self._middles(goal, z, factor)
-                middle = contact.edge_coefficients(self.mismatch(goal, z))
-                more = (middle - np.clip(middle, low, np.maximum(low, high)))[:, k]
-                more[np.abs(more) <= ROUNDING * (1 + size)] = 0.0
-                self._raise(z, contact.nodes[:, N + k], 2 * more, BUBBLE)
-                most = max(most, np.abs(more).max(initial=0.0))
-            if most == 0.0:
-                break
-
-    def mismatch(self, goal: GoalTerms, z: np.ndarray) -> np.ndarray:
-        """c - z . n at ``ContactFacets.nodes``, shape (facets, nodes)."""
-        contact = self.bound_data.contact
-        mismatch = -np.einsum("eac,ec->ea", z[contact.nodes], contact.normal)
-        mismatch[:, : self.bound_data.cells.N] += goal.factor[:, None]
-        return mismatch
-
-    def _raise(
-        self, z: np.ndarray, nodes: np.ndarray, amount: np.ndarray, value: float
-    ) -> None:
-        """Increase z . n at nodes of facets by an amount (facets,) where supports allow it."""
-        contact = self.bound_data.contact
-        free = self.bound_data.discrete.supports.free[nodes]
-        n = np.where(free, contact.normal, 0.0)
-        square = np.einsum("ec,ec->e", n, n)
-        there = (amount != 0) & (square > LEVEL)
-        share = amount[there] / square[there] / value
-        z[nodes[there]] += n[there] * share[:, None]
-
-    def _middles(
-        self, goal: GoalTerms, z: np.ndarray, factor: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the edge coefficients of c - z . n for displacements of order two.
-
-        A parabola with Bernstein coefficients a, m, b is nonnegative if a, b >= 0 and
-        m >= -(a b)^(1/2); a quadratic function on a triangle, if all coefficients are >= 0.
-        """
-        slack = self.slack
-        middle = factor * self.bound_data.contact.edge_coefficients(slack)
-        if self.bound_data.cells.N == 3:
-            return -middle, middle
-        mismatch = self.mismatch(goal, z)[:, :2]
-        above = np.maximum(factor * slack[:, :2] - mismatch, 0.0)
-        below = np.maximum(factor * slack[:, :2] + mismatch, 0.0)
-        high = middle + np.sqrt(above.prod(axis=1))[:, None]
-        low = -middle - np.sqrt(below.prod(axis=1))[:, None]
-        return low, high
-
-    def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
-        """``factor`` if the conditions hold up to rounding, else infinity."""
-        N = self.bound_data.cells.N
-        mismatch = self.mismatch(goal, z)
-        size = ROUNDING * (1 + np.abs(mismatch).max(initial=0.0)) * 10
-        missed = np.abs(mismatch[:, :N]) - factor * self.slack[:, :N]
-        if missed.max(initial=0.0) > size:
-            return np.inf
-        if self.bound_data.problem.order == 2 and len(mismatch):
-            low, high = self._middles(goal, z, factor)
-            middle = self.bound_data.contact.edge_coefficients(mismatch)
-            if max((low - middle).max(), (middle - high).max()) > size:
-                return np.inf
-        return factor

@@ -86,6 +86,8 @@ class GoalBound:
         The lambda of the interval (goal over energy).
     per_cell
         The contribution of each cell to half the width, nonnegative up to rounding.
+    pair, terms
+        The admissible pair of the adjoint, and the goal as loads and contact facets.
     note
         How the goal was changed to make it continuous.
     """
@@ -98,6 +100,8 @@ class GoalBound:
     adjoint: float = field(repr=False)
     factor: float = field(repr=False)
     per_cell: np.ndarray = field(repr=False)
+    pair: Adjoint = field(repr=False)
+    terms: GoalTerms = field(repr=False)
     note: str = ""
 
     @property
@@ -292,7 +296,10 @@ class GoalProblem:
         kept = wanted < found.factor or not self._adjoints.presses.any()
         if kept and self._adjoints.admits(start.goal, found.adjoint, wanted):
             width = found.integrand.estimate(wanted)
-            return self._climbed(start, replace(found, factor=wanted, width=width))
+            # an exact adjoint asks for lambda = 0, where yielding strains are unlimited
+            if width < found.width:
+                found = replace(found, factor=wanted, width=width)
+            return self._climbed(start, found)
         for _ in range(REBUILDS):
             made = found.factor
             wanted = (2 * found.adjoint.energy * made / error) ** (1 / 3)
@@ -363,6 +370,8 @@ class GoalProblem:
             adjoint.energy,
             chosen.factor,
             per_cell,
+            adjoint,
+            terms,
             terms.note,
         )
 

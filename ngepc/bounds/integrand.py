@@ -262,16 +262,21 @@ class BoundPart:
         stress = stress.reshape(-1, k, stress.shape[-1])
         return coefficients(stress)
 
+    def stress(self, adjoint: Adjoint) -> np.ndarray:
+        """Mean and deviator of the stress of an adjoint, (cells, nodes, 1 + d)."""
+        bound_data = self._bound_data
+        strain = bound_data.discrete.points.strain(adjoint.z)
+        wanted = np.column_stack(self._moduli.stress(*strain))
+        wanted = bound_data.on_parts(wanted, TO_NODES)
+        law = bound_data.discrete.law
+        return completed_near(adjoint.stress, wanted, law, bound_data.each)
+
     def integrand(self, adjoint: Adjoint) -> Integrand | VaryingIntegrand:
         """The supremum for an adjoint."""
         bound_data = self._bound_data
         volume, owner = self._parts
         trace, deviator = bound_data.discrete.points.strain(adjoint.z)
-        wanted = np.column_stack(self._moduli.stress(trace, deviator))
-        wanted = bound_data.on_parts(wanted, TO_NODES)
-        law = bound_data.discrete.law
-        tau = completed_near(adjoint.stress, wanted, law, bound_data.each)
-        tau = self._on_parts(tau)
+        tau = self._on_parts(self.stress(adjoint))
         rest = self._opened, self._sample
         if bound_data.each > 1:
             stresses = tau, self._sigma

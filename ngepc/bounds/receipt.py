@@ -1,4 +1,4 @@
-"""Receipts: files that prove that the least energy of a body lies in an interval.
+"""Receipts: files that prove an interval of the least energy of a body, or of a goal.
 
 The file contains mesh, data, displacement, stress and contact pressure in the form that
 ``check_receipt`` reads: each cell is cut into the N + 1 parts on which the stress of the error
@@ -16,12 +16,16 @@ import numpy as np
 from ngsolve import CF, ET, VOL, IntegrationRule
 
 from ngepc._version import __version__
+from ngepc.bounds.adjoint import ContactConditions
 from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state, state_of
-from ngepc.bounds.check_receipt import FORMAT, interval
+from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.check_receipt import FORMAT, intervals
 from ngepc.bounds.contact import BUBBLE, EDGES, LEVEL
 from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
+from ngepc.bounds.goal_bound import GoalBound
+from ngepc.bounds.integrand import BoundPart
 from ngepc.bounds.polynomials import NODES, coefficients
 from ngepc.bounds.simplices import FACETS
 from ngepc.checks.kinds import require_instance, require_path
@@ -30,6 +34,7 @@ from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State
 from ngepc.model.features import require_covered
+from ngepc.model.problem import Problem
 from ngepc.results.files import check_writable
 
 COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
@@ -40,8 +45,16 @@ RESOLVED = 0.02
 """Accuracy of the checker's plastic terms, relative to the bound."""
 CLEARANCE = 1e-11
 """Fraction of the largest displacement by which bodies are moved away from the obstacle."""
+CLEAR_OF_GOAL = 1e-6
+"""The same for intervals of goals; mostly the distance is smaller."""
+NARROW = 1e-9
+"""Distance times lambda, as a fraction of the displacement of the adjoint."""
+SPARE = 1e-3
+"""Fraction by which lambda is enlarged, so that conditions hold in spite of rounding."""
+EXACT = 1e-15
+"""Tolerance of the conditions of an adjoint on contact facets."""
 WIDER = 1e-12
-"""Fraction of the energies by which claims are widened, for rounding on other machines."""
+"""Fraction of the intervals by which claims are widened, for rounding on other machines."""
 _CENTRE = {
     2: IntegrationRule([(1 / 3, 1 / 3)], [1.0]),
     3: IntegrationRule([(1 / 4, 1 / 4, 1 / 4)], [1.0]),
@@ -49,27 +62,30 @@ _CENTRE = {
 
 
 @one_blas_thread
-def write_receipt(result: ExactResult, path: str | Path) -> tuple[float, float]:
-    """Write the proof that the least energy lies in an interval to a file, and check it.
+def write_receipt(
+    result: ExactResult | GoalBound, path: str | Path
+) -> tuple[float, float]:
+    """Write the proof of an interval to a file, and check it.
 
     ``ngepc check FILE`` checks it, and so does ``check_receipt.py`` alone, with numpy.
 
     Parameters
     ----------
     result
-        A result of ``semismooth_newton`` without gamma, converged or not.
+        A result of ``semismooth_newton`` without gamma, converged or not: the file proves an
+        interval of the least energy.  Or an interval of ``goal_bound``: the file proves that, too.
     path
         The file, which ends in .npz.
 
     Returns
     -------
     lower, upper
-        An interval that contains the least energy of the continuous problem.
+        An interval that contains the least energy of the continuous problem, or the goal.
 
     Raises
     ------
     TypeError
-        If ``result`` is not the result of a solver.
+        If ``result`` is not the result of a solver or of ``goal_bound``.
     ValueError
         For problems without a receipt; the message names the reason: friction, hardening laws,
         initial strains, plane stress, data that are known from samples only, loads and histories
@@ -78,15 +94,48 @@ def write_receipt(result: ExactResult, path: str | Path) -> tuple[float, float]:
     RuntimeError
         As ``error_bound``.
     """
-    require_instance("result", result, ExactResult, "a result without gamma")
+    if not isinstance(result, GoalBound):
+        what = "a result without gamma, or an interval of goal_bound,"
+        require_instance("result", result, ExactResult, what)
     path = require_path("path", path, ".npz")
-    require_covered(result.problem, "a receipt", COVERS)
+    goal = result if isinstance(result, GoalBound) else None
+    problem = result.problem if goal is None else goal.bound.problem
+    require_covered(problem, "a receipt", COVERS)
     check_writable(path)
-    bound_data = bound_data_of(result.discrete)
-    tangent = Factors(bound_data.discrete, "sparsecholesky")
-    bound = bound_of_state(bound_data, state_of(bound_data.discrete, result), tangent)
+    if goal is None:
+        bound_data = bound_data_of(result.discrete)
+        tangent = Factors(bound_data.discrete, "sparsecholesky")
+        state = state_of(bound_data.discrete, result)
+        bound = bound_of_state(bound_data, state, tangent)
+    else:
+        bound = goal.bound
+        bound_data = bound_data_of(bound.state.discrete)
     check_written(bound_data, bound)
-    arrays = receipt_arrays(bound_data, bound)
+    arrays, header = claims_of(bound_data, bound, goal)
+    proved = intervals(arrays, header)
+    header |= widened(proved)
+    np.savez(path, header=json.dumps(header), **arrays)
+    name = "" if goal is None else "goal "
+    return header[name + "lower"], header[name + "upper"]
+
+
+def widened(proved: dict[str, float]) -> dict[str, float]:
+    """Claims from what the checker proves: rounding on other machines may differ."""
+    claims = {}
+    for name in ("", "goal "):
+        if name + "lower" in proved:
+            lower = proved[name + "lower"]
+            upper = proved[name + "upper"]
+            wider = WIDER * (abs(lower) + abs(upper))
+            claims[name + "lower"] = lower - wider
+            claims[name + "upper"] = upper + wider
+    return claims
+
+
+def claims_of(
+    bound_data: BoundData, bound: ErrorBound, goal: GoalBound | None
+) -> tuple[dict[str, np.ndarray], dict[str, object]]:
+    """The arrays of the file, and its header without the intervals."""
     header = {
         "format": FORMAT,
         "made by": f"ngepc {__version__}",
@@ -94,11 +143,21 @@ def write_receipt(result: ExactResult, path: str | Path) -> tuple[float, float]:
         "order": bound_data.problem.order,
         "resolution": RESOLVED * bound.total,
     }
-    lower, upper = interval(arrays, header)
-    wider = WIDER * (abs(lower) + abs(upper))
-    header |= {"lower": lower - wider, "upper": upper + wider}
-    np.savez(path, header=json.dumps(header), **arrays)
-    return header["lower"], header["upper"]
+    parts = PartedMesh(bound_data)
+    largest = np.abs(bound.state.u).max(initial=0.0)
+    clearance = CLEAR_OF_GOAL * largest
+    if goal is None:
+        clearance = CLEARANCE * largest
+        u = clear_state(bound_data, bound.state, clearance)
+        return receipt_arrays(parts, bound, u), header
+    # rounding of z . n must be less than lambda times the distance
+    moves = max(np.abs(goal.pair.z).max(), goal.terms.factor.max(initial=0.0))
+    factor = max(goal.factor * (1 + SPARE), NARROW * moves / clearance)
+    clearance = NARROW * moves / factor
+    u = clear_state(bound_data, bound.state, clearance)
+    arrays = receipt_arrays(parts, bound, u)
+    arrays |= goal_arrays(parts, goal, u)
+    return arrays, header | {"goal": goal.name, "factor": factor}
 
 
 def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
@@ -128,23 +187,60 @@ def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
             raise ValueError(f"{name}: a receipt needs one value on each element")
 
 
-def receipt_arrays(bound_data: BoundData, bound: ErrorBound) -> dict[str, np.ndarray]:
-    """The arrays of the file."""
-    parts = PartedMesh(bound_data)
-    u = parts.displacement(clear_state(bound_data, bound.state))
+def receipt_arrays(
+    parts: PartedMesh, bound: ErrorBound, u: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The arrays of a receipt of an energy for nodal displacements ``u``."""
+    bound_data = parts.bound_data
     stress = stress_coefficients(bound_data, bound)
+    u = parts.displacement(u)
     boundary = boundary_arrays(bound_data, bound, u)
-    nodes = parts.side_nodes(boundary["boundary"])
-    held = np.repeat(boundary["held"][:, None], nodes.shape[1], axis=1)
-    side, place, component = np.nonzero(held)
-    u[nodes[side, place], component] = boundary["prescribed"][held]
+    parts.set_on_supports(u, boundary, boundary["prescribed"])
     mesh = {"points": parts.points, "cells": parts.cells, "u": u}
     stress = {"stress": parts.turned(stress)}
     return mesh | stress | material_arrays(bound_data) | boundary
 
 
-def clear_state(bound_data: BoundData, state: State) -> np.ndarray:
-    """Displacements (nodes, N) that do not penetrate the obstacle in spite of rounding.
+def goal_arrays(
+    parts: PartedMesh, goal: GoalBound, u: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The goal and its adjoint pair, for the nodal displacements ``u`` of the receipt."""
+    bound_data = parts.bound_data
+    terms = goal.terms
+    c = bound_data.cells
+    conditions = ContactConditions(bound_data, bound_data.contact.slack(u))
+    z, _ = conditions.repaired(terms, goal.pair.z, goal.factor, EXACT)
+
+    loaded = terms.load or bound_data.problem.changed(
+        traction=None, body_force=None, pressure=None
+    )
+    force = np.repeat(constant_force(loaded), c.N + 1, axis=0)
+    traction = vertex_tractions(Boundary(loaded, c))
+    at_rest = np.zeros((len(c.points), c.N))
+    moved = at_rest if terms.motion is None else terms.motion[: len(c.points)]
+    pressure = np.zeros((len(c.facets), c.N))
+    pressure[bound_data.boundary.contact] = goal.pair.pressure
+    pushes = np.zeros(len(c.facets))
+    pushes[bound_data.boundary.contact] = terms.factor
+
+    order = bound_data.problem.order
+    boundary = support_arrays(bound_data)
+    arrays = {
+        "goal_motion": elevated(moved[c.facets], order)[c.outer],
+        "goal_traction": elevated(traction, order)[c.outer],
+        "goal_pressure": elevated(pressure, order)[c.outer],
+        "goal_contact": pushes[c.outer],
+        "goal_force": force,
+    }
+    stress = BoundPart(bound_data, goal.bound).stress(goal.pair)
+    arrays["tau"] = parts.turned(tensor_coefficients(bound_data, stress))
+    arrays["z"] = parts.displacement(z)
+    parts.set_on_supports(arrays["z"], boundary, arrays["goal_motion"])
+    return arrays
+
+
+def clear_state(bound_data: BoundData, state: State, clearance: float) -> np.ndarray:
+    """Displacements (nodes, N) at a distance from the obstacle, in spite of rounding.
 
     Vertices that supports hold are not changed.
     """
@@ -154,7 +250,6 @@ def clear_state(bound_data: BoundData, state: State) -> np.ndarray:
     free = bound_data.discrete.supports.free[contact.nodes[:, :N]]
     normal = np.where(free, contact.normal[:, None], 0.0)
     moves = np.einsum("eac,eac->ea", normal, normal) > LEVEL
-    clearance = CLEARANCE * np.abs(state.u).max(initial=0.0)
     contact.boundary.gap = contact.boundary.gap - clearance * moves
     return contact.cleared(state.u)
 
@@ -197,6 +292,15 @@ class PartedMesh:
         edge = np.searchsorted(self._edges, self._key(sides[:, 0], sides[:, 1]))
         return np.column_stack([sides, len(self.points) + edge])
 
+    def set_on_supports(
+        self, u: np.ndarray, boundary: dict[str, np.ndarray], values: np.ndarray
+    ) -> None:
+        """Set coefficients at the nodes to ``values`` (sides, k, N) where supports hold them."""
+        nodes = self.side_nodes(boundary["boundary"])
+        held = np.repeat(boundary["held"][:, None], nodes.shape[1], axis=1)
+        side, place, component = np.nonzero(held)
+        u[nodes[side, place], component] = values[held]
+
     def turned(self, c: np.ndarray) -> np.ndarray:
         """Coefficients on the parts (parts, k, ...), reordered as the vertices of ``cells``."""
         order = self._order
@@ -236,12 +340,28 @@ class PartedMesh:
 def stress_coefficients(bound_data: BoundData, bound: ErrorBound) -> np.ndarray:
     """The stress on the parts of the cells, (parts, k, n, n)."""
     at = bound_data.at_nodes.completed(bound.admissible)
+    stress = np.concatenate([at.mean[..., None], at.deviator], axis=-1)
+    return tensor_coefficients(bound_data, stress)
+
+
+def tensor_coefficients(bound_data: BoundData, stress: np.ndarray) -> np.ndarray:
+    """Coefficients (parts, k, n, n) of stresses at nodes of parts, mean and deviator."""
     basis = bound_data.problem.kinematics.basis
-    S = np.einsum("tqd,dij->tqij", at.deviator, basis)
-    S += at.mean[..., None, None] * np.eye(basis.shape[1])
+    S = np.einsum("tqd,dij->tqij", stress[..., 1:], basis)
+    S += stress[..., 0, None, None] * np.eye(basis.shape[1])
     k = NODES[S.shape[1]]
     values = S.reshape(-1, k, basis.shape[1] ** 2)
     return coefficients(values).reshape(-1, k, *basis.shape[1:])
+
+
+def constant_force(problem: Problem) -> np.ndarray:
+    """Body forces that are constant on the elements, (elements, N)."""
+    N = problem.N
+    if problem.f is None:
+        return np.zeros((problem.mesh.ne, N))
+    shape = ET.TRIG if N == 2 else ET.TET
+    places = problem.mesh.MapToAllElements({shape: _CENTRE[N]}, VOL)
+    return np.asarray(problem.f(places)).reshape(-1, N)
 
 
 def material_arrays(bound_data: BoundData) -> dict[str, np.ndarray]:
@@ -260,11 +380,7 @@ def material_arrays(bound_data: BoundData) -> dict[str, np.ndarray]:
         """Deviatoric coordinates at points as tensors for each part."""
         return np.einsum("td,dij->tij", spread(values), basis)[:, None]
 
-    force = np.zeros((len(bound_data.cells.nodes), problem.N))
-    if problem.f is not None:
-        shape = ET.TRIG if problem.N == 2 else ET.TET
-        places = problem.mesh.MapToAllElements({shape: _CENTRE[problem.N]}, VOL)
-        force = np.asarray(problem.f(places)).reshape(force.shape)
+    force = constant_force(problem)
     return {
         "lame_lambda": spread(points.at(problem.material.lame_lambda)),
         "mu": spread(law.two_mu / 2),
@@ -276,39 +392,49 @@ def material_arrays(bound_data: BoundData) -> dict[str, np.ndarray]:
     }
 
 
+def vertex_tractions(boundary: Boundary) -> np.ndarray:
+    """Affine tractions of a problem at the vertices of its facets, (facets, N, N)."""
+    problem = boundary.problem
+    N = boundary.cells.N
+    traction = np.zeros((len(boundary.cells.facets), N, N))
+    on = boundary.on(tuple(problem.tractions), "traction")
+    default = CF((0.0,) * N)
+    g = problem.mesh.BoundaryCF(problem.tractions, default=default)
+    values = boundary.at_vertices(boundary.values(g, on), on)
+    traction[boundary.facet[on]] = values
+    return traction
+
+
+def support_arrays(bound_data: BoundData) -> dict[str, np.ndarray]:
+    """The outer facets, ascending, with supports and obstacles."""
+    boundary = bound_data.boundary
+    c = bound_data.cells
+    contact = np.zeros(len(c.facets), dtype=bool)
+    contact[boundary.contact] = True
+    arrays = {"boundary": c.facets, "held": ~boundary.given, "contact": contact}
+    return {name: values[c.outer] for name, values in arrays.items()}
+
+
 def boundary_arrays(
     bound_data: BoundData, bound: ErrorBound, u: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Supports, tractions, obstacle and pressure of the outer facets, ascending."""
     boundary = bound_data.boundary
     c = bound_data.cells
-    facets = c.facets
-    N = c.N
-    names = tuple(bound_data.problem.tractions)
-    on = boundary.on(names, "traction")
-    default = CF((0.0,) * N)
-    g = bound_data.problem.mesh.BoundaryCF(
-        bound_data.problem.tractions, default=default
-    )
-    traction = np.zeros((len(facets), N, N))
-    traction[boundary.facet[on]] = boundary.at_vertices(boundary.values(g, on), on)
-    gap = np.zeros((len(facets), N))
+    gap = np.zeros((len(c.facets), c.N))
     gap[boundary.contact] = boundary.gap
-    pressure = np.zeros((len(facets), N))
+    pressure = np.zeros((len(c.facets), c.N))
     pressure[boundary.contact] = bound.pressure
-    contact = np.zeros(len(facets), dtype=bool)
-    contact[boundary.contact] = True
     held = ~boundary.given & c.outer[:, None]
-    prescribed = np.where(held[:, None], u[facets], 0.0)
-    order = bound_data.problem.order
     arrays = {
-        "prescribed": elevated(prescribed, order),
-        "traction": elevated(traction, order),
-        "gap": elevated(gap, order),
-        "pressure": elevated(pressure, order),
+        "prescribed": np.where(held[:, None], u[c.facets], 0.0),
+        "traction": vertex_tractions(boundary),
+        "gap": gap,
+        "pressure": pressure,
     }
-    arrays |= {"boundary": facets, "held": held, "contact": contact}
-    return {name: values[c.outer] for name, values in arrays.items()}
+    order = bound_data.problem.order
+    on_sides = {k: elevated(v, order)[c.outer] for k, v in arrays.items()}
+    return support_arrays(bound_data) | on_sides
 
 
 def elevated(values: np.ndarray, order: int) -> np.ndarray:

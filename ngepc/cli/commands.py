@@ -233,7 +233,7 @@ COMMANDS = {
         "write an HTML report about a saved run", ("run_file", "--out FILE")
     ),
     "check": Command(
-        "check the proof of an energy interval in a receipt", ("receipt",), "check_file"
+        "check the proof in a receipt", ("receipt",), "check_file"
     ),
     "limit": Command(
         "lower and upper bounds of a limit load, or of loads that vary (shakedown)",

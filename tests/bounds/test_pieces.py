@@ -129,14 +129,7 @@ def test_what_rollers_carry_is_not_underestimated(N):
     held[:N] = True
     measure = random.uniform(0.5, 2.0, count)
     reach = 2.0
-    r = SimpleNamespace(
-        N=N,
-        held=held,
-        points=points,
-        boundary=boundary,
-        measure=measure,
-        out=np.arange(count),
-    )
+    r = SimpleNamespace(N=N, held=held, points=points, boundary=boundary, outer=measure)
     bound = rolled(r, 1.0, reach)
 
     def wrench(place, force):

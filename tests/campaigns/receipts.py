@@ -15,21 +15,23 @@ from pathlib import Path
 
 import numpy as np
 from campaigns.crossings import problem_of, random_draws
+from campaigns.intervals import goals_of
 from ngsolve import ET, IntegrationRule
 
-from ngepc import error_bound, semismooth_newton, write_receipt
+from ngepc import error_bound, goal_bound, semismooth_newton, write_receipt
 from ngepc.bounds import check_receipt
 from ngepc.studies.work import Work
 
-KINDS = ("order 1", "order 2", "solid")
+ENERGIES = ("order 1", "order 2", "solid")
+GOALS = tuple(f"goal, {kind}" for kind in ENERGIES)
+KINDS = ENERGIES + GOALS
 CHANGES = ("a little", "much", "sign", "zero", "swapped", "claim")
-NAMES = ("points", "cells", "u", "stress", "lame_lambda", "mu", "hardening", "beta",
-         "initial", "back", "body_force", "boundary", "held", "prescribed", "traction",
-         "contact", "gap", "pressure")  # fmt: skip
 WRONG = 1e-7
 """Part of the largest stress, displacement or interval that the judge calls wrong."""
 MOST = 400
 """No more changes of one receipt are tried."""
+GROWTH = np.append(0.0, np.geomspace(1e-3, 1.0, 40))
+"""Plastic strains at which the judge looks for a supremum, over the largest one."""
 HEAD = ("group", "receipts", "changes that falsify", "of these pass", "harmless changes",
         "of these pass ", "check / solve", "check / solve and bound")  # fmt: skip
 
@@ -100,8 +102,16 @@ class Judge:
         outer = {key for key, found in sides.items() if len(found) == 1}
         if set(rows) != outer or len(set(rows)) != len(rows):
             return True
-        S = (a["stress"] + a["stress"].swapaxes(2, 3))[..., : self.N, : self.N] / 2
-        return self._out_of_balance(S, sides, rows) or self._not_supported(sides, rows)
+        loads = a["stress"], a["body_force"], a["traction"], a["pressure"]
+        self.reaction = self._reaction(*loads, sides, rows)
+        if self.reaction is None or self._not_supported(sides, rows):
+            return True
+        if "goal" not in self.header:
+            return False
+        loads = a["tau"], a["goal_force"], a["goal_traction"], a["goal_pressure"]
+        if self._reaction(*loads, sides, rows) is None:
+            return True
+        return self._not_conditioned(sides, rows)
 
     def _tractions(self, S, cell, k, key):
         """S n times the size of a side at its coefficients, by ascending vertices."""
@@ -112,8 +122,10 @@ class Judge:
         area = -self.N * self.volume[cell] * self.slopes[cell, k]
         return S[cell, places] @ area, area
 
-    def _out_of_balance(self, S, sides, rows):
+    def _reaction(self, S, force, traction, P, sides, rows):
+        """What supports do to a body with this stress; None if it is not in equilibrium."""
         a = self.a
+        S = (S + S.swapaxes(2, 3))[..., : self.N, : self.N] / 2
         large = WRONG * np.abs(S).max()
         table = np.arange(self.N + 1)[None]
         degree = 1
@@ -122,25 +134,33 @@ class Judge:
             degree = 2
         div = degree * np.einsum("kviab,kib->kva", S[:, table], self.slopes)
         size = self.volume ** (1 / self.N)
-        rest = np.abs(div + a["body_force"][:, None]).max(axis=(1, 2))
+        rest = np.abs(div + force[:, None]).max(axis=(1, 2))
         if (rest * size).max() > large:
-            return True
+            return None
         for key, found in sides.items():
             if len(found) == 2:
                 first, area = self._tractions(S, *found[0], key)
                 second, _ = self._tractions(S, *found[1], key)
                 if np.abs(first + second).max() > large * np.linalg.norm(area):
-                    return True
-        self.reaction = np.zeros_like(a["traction"])
+                    return None
+        reaction = np.zeros_like(traction)
         for row, key in enumerate(rows):
             T, area = self._tractions(S, *sides[key][0], key)
             size = np.linalg.norm(area)
-            load = a["traction"][row] * size - np.outer(a["pressure"][row], area)
+            load = traction[row] * size - np.outer(P[row], area)
             held = a["held"][row] != 0
             if np.abs(T - load)[:, ~held].max(initial=0.0) > large * size:
-                return True
-            self.reaction[row] = np.where(held, T - load, 0.0)
-        return False
+                return None
+            reaction[row] = np.where(held, T - load, 0.0)
+        return reaction
+
+    def _on_side(self, values, sides, key):
+        """Coefficients of a displacement on a side, and its outer normal times its size."""
+        cell, k = sides[key][0]
+        nodes = list(key)
+        if self.a["cells"].shape[1] > self.N + 1:
+            nodes.append(int(self.a["cells"][cell, self.N + 1 + k]))
+        return values[nodes], -self.N * self.volume[cell] * self.slopes[cell, k]
 
     def _not_supported(self, sides, rows):
         a = self.a
@@ -150,30 +170,161 @@ class Judge:
         if (a["pressure"] < 0).any() or a["pressure"][a["contact"] == 0].any():
             return True
         shares = rule(self.N - 1)[0]
+        self.room = np.zeros_like(a["gap"])
         for row, key in enumerate(rows):
-            cell, k = sides[key][0]
-            nodes = list(key)
-            if a["cells"].shape[1] > self.N + 1:
-                nodes.append(int(a["cells"][cell, self.N + 1 + k]))
-            u = self.moved[row] = a["u"][nodes]
-            area = -self.N * self.volume[cell] * self.slopes[cell, k]
+            u, area = self._on_side(a["u"], sides, key)
+            self.moved[row] = u
             self.measure[row] = np.linalg.norm(area)
             held = a["held"][row] != 0
             if np.abs(u - a["prescribed"][row])[:, held].max(initial=0.0) > large:
                 return True
-            room = a["gap"][row] - u @ area / self.measure[row]
+            room = self.room[row] = a["gap"][row] - u @ area / self.measure[row]
             least = (bernstein(shares, len(room)) @ room).min()
             if a["contact"][row] and min(least, *room[: self.N]) < -large:
+                return True
+        return False
+
+    def _not_conditioned(self, sides, rows):
+        """Whether z misses its supports, or the conditions on the obstacle fail."""
+        a = self.a
+        factor = self.header["factor"]
+        if not factor > 0:
+            return True
+        large = WRONG * max(np.abs(a["z"]).max(), np.abs(a["goal_contact"]).max())
+        most = factor * a["pressure"]
+        if (np.abs(a["goal_pressure"]) > most + WRONG * most.max()).any():
+            return True
+        self.moved_z = np.zeros_like(a["traction"])
+        shares = rule(self.N - 1)[0]
+        for row, key in enumerate(rows):
+            z, area = self._on_side(a["z"], sides, key)
+            self.moved_z[row] = z
+            held = a["held"][row] != 0
+            if np.abs(z - a["goal_motion"][row])[:, held].max(initial=0.0) > large:
+                return True
+            missed = np.abs(
+                bernstein(shares, len(z))
+                @ (a["goal_contact"][row] - z @ area / self.measure[row])
+            )
+            room = bernstein(shares, len(z)) @ self.room[row]
+            if a["contact"][row] and (missed > factor * room + large).any():
                 return True
         return False
 
     def _energies_are_wrong(self):
         width = self.header["upper"] - self.header["lower"]
         upper, lower = self.energies()
-        return not (
+        wrong = not (
             upper <= self.header["upper"] + 1e-3 * width
             and self.header["lower"] - 1e-3 * width <= lower
         )
+        if wrong or "goal" not in self.header:
+            return wrong
+        lower, upper = self.goal()
+        width = self.header["goal upper"] - self.header["goal lower"]
+        return not (
+            upper <= self.header["goal upper"] + 1e-3 * width
+            and self.header["goal lower"] - 1e-3 * width <= lower
+        )
+
+    def _strains(self, u, shares):
+        """Strains of a displacement at points of all cells, (K, q, n, n)."""
+        local = u[self.a["cells"]]
+        N = self.N
+        du = np.einsum("kia,kib->kab", local[:, : N + 1], self.slopes)[:, None]
+        if local.shape[1] > N + 1:
+            table = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+            du = 2 * np.einsum("kvia,kib->kvab", local[:, table], self.slopes)
+        eps = np.zeros((*du.shape[:2], self.n, self.n))
+        eps[..., :N, :N] = (du + du.swapaxes(2, 3)) / 2
+        return np.einsum("qi,kiab->kqab", bernstein(shares, eps.shape[1]), eps)
+
+    def _work(self, force, traction, u, moved):
+        """The work of loads, by rules."""
+        a = self.a
+        shares, weights = rule(self.N)
+        local = u[a["cells"]]
+        at = np.einsum("qi,kia->kqa", bernstein(shares, local.shape[1]), local)
+        done = self.volume @ (np.einsum("kqa,ka->kq", at, force) @ weights)
+        shares, weights = rule(self.N - 1)
+        at = bernstein(shares, traction.shape[1])
+        pulled = ((at @ traction) * (at @ moved)).sum(axis=2)
+        return float(done + self.measure @ (pulled @ weights))
+
+    def _stress(self, e):
+        """The law of the step for strains (K, q, n, n)."""
+        a = self.a
+        mu, h, beta = (a[k][:, None, None, None] for k in ("mu", "hardening", "beta"))
+        B = a["lame_lambda"][:, None, None, None] + 2 * mu / self.n
+        p_0 = deviator(symmetric(a["initial"]))
+        back = deviator(symmetric(a["back"]))
+        trial = 2 * mu * (deviator(e) - p_0) - back
+        size = np.sqrt((trial**2).sum(axis=(2, 3), keepdims=True))
+        over = np.maximum(size - beta, 0.0) / np.where(size > 0, size, 1.0)
+        volume = np.trace(e, axis1=2, axis2=3)[..., None, None]
+        kept = trial * (1 - 2 * mu / (2 * mu + h) * over)
+        return B * volume * np.eye(self.n) + kept + back, trial
+
+    def goal(self):
+        """The interval of the goal by the theorem as it is on the page; suprema by trial."""
+        a = self.a
+        factor = self.header["factor"]
+        shares, weights = rule(self.N, 4)
+        strain = self._strains(a["u"], shares)
+        of_z = self._strains(a["z"], shares)
+        at = bernstein(shares, a["stress"].shape[1])
+        sigma = np.einsum("qi,kiab->kqab", at, symmetric(a["stress"]))
+        tau = np.einsum("qi,kiab->kqab", at, symmetric(a["tau"]))
+        own, trial = self._stress(strain)
+        centre = self._work(a["goal_force"], a["goal_traction"], a["u"], self.moved)
+        centre += self._work(a["body_force"], a["traction"], a["z"], self.moved_z)
+        centre -= self.volume @ ((own * of_z).sum(axis=(2, 3)) @ weights)
+        side_shares, side_weights = rule(self.N - 1)
+        on = bernstein(side_shares, a["gap"].shape[1]).T
+        room = (self.room @ on) * self.measure[:, None]
+        centre += ((a["goal_pressure"] @ on) * room @ side_weights).sum()
+        opened = factor * ((a["pressure"] @ on) * room @ side_weights).sum()
+        ends = []
+        for sign in (-1, 1):
+            highest = self._highest(
+                (strain, own, trial), sign * of_z, sign * tau, sigma, factor
+            )
+            rest = float(self.volume @ (highest @ weights) + opened)
+            ends.append(float(centre + sign * rest))
+        return ends
+
+    def _highest(self, state, of_z, tau, sigma, factor):
+        """The largest integrand among strains on the curve that contains the best one."""
+        a = self.a
+        strain, own, trial = state
+        mu, h, beta = (a[k][:, None, None, None] for k in ("mu", "hardening", "beta"))
+        B = a["lame_lambda"][:, None] + 2 * a["mu"][:, None] / self.n
+        back = deviator(symmetric(a["back"]))
+        p = (deviator(tau) + factor * (deviator(sigma) - back)) / (2 * mu)
+        w = factor / (2 * mu) * trial - deviator(of_z)
+        volume = np.trace(tau + factor * (sigma - own), axis1=2, axis2=3) / self.n
+        volume -= B * np.trace(of_z, axis1=2, axis2=3)
+        volume = (volume / (2 * factor * B) / self.n)[..., None, None] * np.eye(self.n)
+
+        def value(t):
+            """The integrand for a trial stress."""
+            e = volume + (t - trial) / (2 * mu)
+            change = self._stress(strain + e)[0] - own
+            inner = tau * e - of_z * change - factor * e * (own + change - sigma)
+            return inner.sum(axis=(2, 3))
+
+        def norm(t):
+            return np.maximum(np.sqrt((t**2).sum(axis=(2, 3), keepdims=True)), 1e-300)
+
+        y = (p + w) * mu / factor
+        best = value(y * np.minimum(1.0, beta / norm(y)))
+        M = 2 * mu + h
+        largest = (M * norm(p) + h * norm(w)) * mu / (factor * M * h)
+        for part in GROWTH:
+            g = part * largest
+            v = (beta + M * g) * p + (beta + h * g) * w
+            best = np.maximum(best, value((beta + M * g) * v / norm(v)))
+        return best
 
     def energies(self):
         """J(u) and the dual energy of the stress, by rules."""
@@ -230,6 +381,17 @@ class Judge:
         return float(upper), float(lower - self.measure @ (pressed @ weights))
 
 
+def symmetric(T):
+    """The symmetric parts of tensors."""
+    return (T + T.swapaxes(2, 3)) / 2
+
+
+def deviator(T):
+    """The deviators of tensors."""
+    n = T.shape[-1]
+    return T - np.trace(T, axis1=2, axis2=3)[..., None, None] / n * np.eye(n)
+
+
 def falsifies(arrays, header):
     """Whether a receipt claims more than it proves; an invalid mesh proves nothing."""
     try:
@@ -244,11 +406,12 @@ def changed(arrays, header, random):
     header = dict(header)
     what = str(random.choice(CHANGES))
     if what == "claim":
-        name = str(random.choice(["lower", "upper"]))
-        width = header["upper"] - header["lower"]
+        goal = "goal " if "goal" in header and random.random() < 0.5 else ""
+        name = goal + str(random.choice(["lower", "upper"]))
+        width = header[goal + "upper"] - header[goal + "lower"]
         header[name] += float(random.normal()) * width * 10 ** random.uniform(-2, 2)
         return arrays, header, f"claim {name}"
-    name = str(random.choice(NAMES))
+    name = str(random.choice(list(arrays)))
     values = arrays[name]
     place = tuple(int(random.integers(size)) for size in values.shape)
     scale = float(np.abs(values).max()) or 1.0
@@ -335,11 +498,16 @@ class Receipts(Work):
 
     def solve(self, seed, kind, number, each):
         """The verdicts on the changes of one receipt."""
-        draw = next(islice(random_draws(seed, kind), number - 1, None))
+        body = kind.removeprefix("goal, ")
+        draw = next(islice(random_draws(seed, body), number - 1, None))
         start = time.process_time()
-        result = semismooth_newton(problem_of(draw, kind))
+        result = semismooth_newton(problem_of(draw, body))
         solved = time.process_time() - start
-        error_bound(result)
+        if kind in GOALS:
+            goals = goals_of(result.problem, draw)
+            result = goal_bound(result, goals[sorted(goals)[number % len(goals)]])
+        else:
+            error_bound(result)
         bounded = time.process_time() - start
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "receipt.npz"
@@ -402,8 +570,10 @@ class Receipts(Work):
         lines = [
             "Random problems of `tests/campaigns/random_problems.py`; one number of mesh, data, "
             "displacement, stress, pressure or claim is changed. An independent program without "
-            "bounds decides whether this falsifies the claim. Harmless changes, such as a yield "
-            "stress where nothing yields, leave the claim true. CPU times are medians.",
+            "bounds decides whether this falsifies the claim. Receipts of goals also have an "
+            "adjoint pair and claim an interval of a force or displacement. Harmless changes, "
+            "such as a yield stress where nothing yields, leave the claim true. CPU times are "
+            "medians.",
             f"{len(refused)} problems have no receipt.",
         ]
         lines += [f"- {r['kind']} {r['number']}: {r['refused']}" for r in refused]
