@@ -81,7 +81,7 @@ class Start:
     base: Held
 
 
-class ContactConditions:
+class AdjointConditions:
     """The conditions |c - z . n| <= lambda gap of adjoints, for the ``slack`` of a displacement."""
 
     def __init__(self, bound_data: BoundData, slack: np.ndarray) -> None:
@@ -195,7 +195,7 @@ class ContactConditions:
         return factor
 
 
-class AdjointProblem(ContactConditions):
+class AdjointProblem(AdjointConditions):
     """Adjoints of goals around one state.
 
     ``error`` is the relative error of the state.  ``tangent`` are factors at the state, or near it,

@@ -40,6 +40,7 @@ import itertools
 import json
 import math
 import sys
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
@@ -93,7 +94,7 @@ def cuts(N: int, k: int) -> np.ndarray:
     return polar[:, PAIRS[:, 0], PAIRS[:, 1]]
 
 
-def raised(c: np.ndarray, k: int) -> np.ndarray:
+def elevated_to(c: np.ndarray, k: int) -> np.ndarray:
     """k coefficients of fields that are constant, affine, or have k coefficients."""
     if c.shape[1] == 1:
         return np.repeat(c, k, axis=1)
@@ -110,7 +111,7 @@ def derivatives(c: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     return (2 - affine) * np.einsum("kvi...,kij->kv...j", c[:, table], slopes)
 
 
-def dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def dots_at(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Products at the coefficients, (K, k)."""
     return np.einsum("kia,kia->ki", a, b)
 
@@ -118,14 +119,14 @@ def dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def size(a: np.ndarray) -> np.ndarray:
     """The largest norm of coefficients on each simplex."""
     a = a.reshape(len(a), a.shape[1], -1)
-    return np.sqrt(dots(a, a).max(axis=1))
+    return np.sqrt(dots_at(a, a).max(axis=1))
 
 
 def inner(a: np.ndarray, b: np.ndarray, N: int) -> np.ndarray:
     """Means of the products of two fields with coefficients (K, k, .)."""
     k = a.shape[1]
     table = QUADRATIC[N] if k > N + 1 else (1 + np.eye(k)) / (k * (k + 1))
-    return dots(table @ a, b).sum(axis=1)
+    return dots_at(table @ a, b).sum(axis=1)
 
 
 def split(S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -140,7 +141,9 @@ def split(S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return parts[..., :1], parts[..., 1:]
 
 
-def above(r: SimpleNamespace, density, x: np.ndarray, law: np.ndarray, fine: float):
+def above(
+    r: SimpleNamespace, density: Callable, x: np.ndarray, law: np.ndarray, fine: float
+) -> np.ndarray:
     """Integrals of a convex function of fields x from above; K is cut where that gains.
 
     ``density`` bounds the means of the function from coefficients and a row of ``law`` each, which
@@ -174,7 +177,7 @@ def plastic(
     """
 
     def density(s: np.ndarray, law: np.ndarray) -> np.ndarray:
-        length = np.sqrt(dots(s, s))
+        length = np.sqrt(dots_at(s, s))
         over = np.maximum(length - law[:, :1], 0.0)
         x = s * (over / np.where(length > 0, length, 1.0))[..., None]
         if p:
@@ -196,7 +199,7 @@ def highest(x: np.ndarray, law: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     y : y' >= 0 it is largest at 0.  If c = 2 k M h - |v|''(0) > 0, F <= F(g) + F'(g)^2/(2 c).
     """
     p, w = np.split(x, 2, axis=2)
-    of_p, both, of_w = dots(p, p), dots(p, w), dots(w, w)
+    of_p, both, of_w = dots_at(p, p), dots_at(p, w), dots_at(w, w)
     k, M, h, beta = (np.broadcast_to(law[:, [c]], both.shape) for c in range(4))
     length = np.sqrt(np.maximum(of_p + 2 * both + of_w, 0.0))
     steep = np.sqrt(np.maximum(M**2 * of_p + 2 * M * h * both + h**2 * of_w, 0.0))
@@ -239,11 +242,6 @@ def highest(x: np.ndarray, law: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     coarse = np.minimum(coarse, fine) - k * beta**2
     best[flows] = np.maximum(best[flows], coarse)
     return best, inside & ~flows
-
-
-def mean_of_highest(x: np.ndarray, law: np.ndarray) -> np.ndarray:
-    """Means of X over parts from above."""
-    return highest(x, law)[0].mean(axis=1)
 
 
 def check_shapes(arrays: dict, N: int, n: int, goal: bool) -> None:
@@ -305,7 +303,9 @@ def check_supports(
 def along_normals(r: SimpleNamespace, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """u . n on the boundary, and what rounding may change in it."""
     u = u[r.side_nodes]
-    return np.einsum("ska,sa->sk", u, r.normal), r.near[:, None] * np.sqrt(dots(u, u))
+    return np.einsum("ska,sa->sk", u, r.normal), r.near[:, None] * np.sqrt(
+        dots_at(u, u)
+    )
 
 
 def need_positive(r: SimpleNamespace, c: np.ndarray, message: str) -> None:
@@ -335,11 +335,13 @@ def strains(r: SimpleNamespace, u: np.ndarray) -> tuple[np.ndarray, ...]:
     eps = np.zeros((*du.shape[:2], r.n, r.n))
     eps[..., : r.N, : r.N] = (du + du.swapaxes(2, 3)) / 2
     missed = size(change) * r.steep * r.wrong
-    mean, e = split(raised(eps, r.stress.shape[1]))
+    mean, e = split(elevated_to(eps, r.stress.shape[1]))
     return r.n * mean, e, size(eps) + missed, missed
 
 
-def work(r: SimpleNamespace, force: np.ndarray, traction: np.ndarray, u: np.ndarray):
+def work(
+    r: SimpleNamespace, force: np.ndarray, traction: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """int force . u + boundary int traction . u by parts, and what rounding may change."""
     local = u[r.cells]
     at_sides = u[r.side_nodes]
@@ -365,7 +367,13 @@ def upper_energy(r: SimpleNamespace) -> float:
     return math.fsum(np.concatenate([r.volume * density, flow, -done, slack, unsure]))
 
 
-def balance(r: SimpleNamespace, S: np.ndarray, force, traction, P) -> SimpleNamespace:
+def balance(
+    r: SimpleNamespace,
+    S: np.ndarray,
+    force: np.ndarray,
+    traction: np.ndarray,
+    P: np.ndarray,
+) -> SimpleNamespace:
     """Residuals of a stress, with what rounding adds, and the reactions t."""
     S = S[..., : r.N, : r.N]
     rest = np.trace(derivatives(S, r.slopes), axis1=-2, axis2=-1)
@@ -481,34 +489,53 @@ def lower_energy(r: SimpleNamespace, rest: SimpleNamespace) -> float:
     return -math.fsum(np.concatenate(terms))
 
 
-def goal_interval(
-    r: SimpleNamespace, factor: float, misses: float, root: float
-) -> tuple:
-    """6: what a goal lies between, for the b of S, ``misses``, and (2 G)^(1/2), ``root``."""
-    N = r.N
+def check_adjoint(r: SimpleNamespace, factor: float) -> None:
+    """The conditions of 6."""
     need(factor > 0, "factor: not positive")
     check_supports(r, r.z, r.goal_motion, "z")
     moved, unsure = along_normals(r, r.z)
     most = factor * (1 - EPS) * r.room - unsure
     for wanted in (r.goal_contact[:, None] - moved, moved - r.goal_contact[:, None]):
-        need_positive(
-            r, most - wanted, "z: moves too little or too much at the obstacle"
-        )
-    q = r.goal_pressure
-    small = np.abs(q) <= (1 - EPS) * factor * r.pressure
+        need_positive(r, most - wanted, "z: wrong at the obstacle")
+    small = np.abs(r.goal_pressure) <= (1 - EPS) * factor * r.pressure
     need(small.all(), "goal_pressure: larger than the factor times the pressure")
+
+
+def suprema(
+    r: SimpleNamespace, p: np.ndarray, w: np.ndarray, factor: float
+) -> np.ndarray:
+    """The integrals of X(p, w) - p : s from above, by parts."""
+    k = factor / (2 * r.mu)
+    law = np.column_stack([k, 2 * r.mu + r.hardening, r.hardening, r.beta, r.volume])
+    x = np.concatenate([p, w], axis=2)
+    smooth = highest(x, law)[1].all(axis=1)
+    quadratic = r.volume * inner(p + w, p + w, r.N) / (4 * k)
+    fine = COARSER * factor * r.fine
+    rough = above(
+        r, lambda *at: highest(*at)[0].mean(axis=1), x[~smooth], law[~smooth], fine
+    )
+    return np.concatenate(
+        [quadratic[smooth], rough, -r.volume * inner(p, r.trial, r.N)]
+    )
+
+
+def goal_interval(
+    r: SimpleNamespace, factor: float, misses: float, root: float
+) -> tuple:
+    """6: what a goal lies between, for the b of S, ``misses``, and (2 G)^(1/2), ``root``."""
+    N = r.N
+    q = r.goal_pressure
     rest = balance(r, r.tau, r.goal_force, r.goal_traction, q)
     doubt = (defect(r, rest)[0] + factor * misses) * root
-
     trace, e, strain, missed = strains(r, r.z)
     m, d = split(r.tau)
     done, unsure_done = work(r, r.goal_force, r.goal_traction, r.u)
     gained, unsure_gained = work(r, r.body_force, r.traction, r.z)
-    back = raised(r.back, e.shape[1])
+    back = elevated_to(r.back, e.shape[1])
     own = r.volume * (r.bulk * inner(r.trace, trace, N) + inner(back, e, N))
     room = r.room[..., None]
     opened = inner(q[..., None], room, N - 1) * r.outer
-    centre = [done, gained, -own, opened]
+    centre = np.concatenate([done, gained, -own, opened])
     opening = inner(factor * r.pressure[..., None], room, N - 1) * r.outer
     large = size(r.tau) + factor * r.large + r.stiff * (strain + factor * r.strain)
     wrong = r.wrong * large + r.stiff * (missed + factor * r.missed)
@@ -517,31 +544,18 @@ def goal_interval(
     always = [opening, slack, near, unsure_done, unsure_gained, [doubt]]
 
     bulk, two_mu = r.bulk[:, None, None], 2 * r.mu[:, None, None]
-    k = factor / (2 * r.mu)
-    law = np.column_stack([k, 2 * r.mu + r.hardening, r.hardening, r.beta, r.volume])
     ends = []
     for sign in (-1.0, 1.0):
         mean = sign * (m - bulk * trace) + factor * (r.m - bulk * r.trace)
+        squares = r.volume * inner(mean, mean, N) / (4 * factor * r.bulk)
         p = (sign * d + factor * r.shifted) / two_mu
         w = factor / two_mu * r.trial - sign * e
-        x = np.concatenate([p, w], axis=2)
-        smooth = highest(x, law)[1].all(axis=1)
-        quadratic = (r.volume / (4 * k) * inner(p + w, p + w, N))[smooth]
-        rough = above(
-            r, mean_of_highest, x[~smooth], law[~smooth], COARSER * factor * r.fine
-        )
-        squares = r.volume * (
-            inner(mean, mean, N) / (4 * factor * r.bulk) - inner(p, r.trial, N)
-        )
-        parts = [sign * part for part in centre]
-        ends.append(
-            sign
-            * math.fsum(np.concatenate([*parts, *always, quadratic, rough, squares]))
-        )
+        parts = [sign * centre, *always, squares, suprema(r, p, w, factor)]
+        ends.append(sign * math.fsum(np.concatenate(parts)))
     return tuple(ends)
 
 
-def intervals(arrays: dict[str, np.ndarray], header: dict) -> dict[str, float]:
+def proved_intervals(arrays: dict[str, np.ndarray], header: dict) -> dict[str, float]:
     """What the arrays prove; ValueError where they are not admissible."""
     need(header["format"] == FORMAT, f"format: {FORMAT!r} is needed")
     N, n = LAWS[header["kinematics"]]
@@ -563,7 +577,9 @@ def intervals(arrays: dict[str, np.ndarray], header: dict) -> dict[str, float]:
     proved = {"lower": found - b * root, "upper": upper}
     if "goal" in header:
         r.tau = (r.tau + r.tau.swapaxes(2, 3)) / 2
-        ends = goal_interval(r, float(header["factor"]), b, root)
+        factor = float(header["factor"])
+        check_adjoint(r, factor)
+        ends = goal_interval(r, factor, b, root)
         proved["goal lower"], proved["goal upper"] = ends
     return proved
 
@@ -573,7 +589,7 @@ def check(path: str) -> dict:
     with np.load(path, allow_pickle=False) as file:
         arrays = dict(file)
     header = json.loads(str(arrays.pop("header")))
-    for name, value in intervals(arrays, header).items():
+    for name, value in proved_intervals(arrays, header).items():
         proved = header[name] <= value if "lower" in name else value <= header[name]
         need(proved, f"{name}: {header[name]} claimed, {value} proved")
     return header

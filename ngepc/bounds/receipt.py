@@ -16,10 +16,10 @@ import numpy as np
 from ngsolve import CF, ET, VOL, IntegrationRule
 
 from ngepc._version import __version__
-from ngepc.bounds.adjoint import ContactConditions
+from ngepc.bounds.adjoint import AdjointConditions
 from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state, state_of
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.check_receipt import FORMAT, intervals
+from ngepc.bounds.check_receipt import FORMAT, proved_intervals
 from ngepc.bounds.contact import BUBBLE, EDGES, LEVEL
 from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.coverage import COVERS as BOUNDED
@@ -112,7 +112,7 @@ def write_receipt(
         bound_data = bound_data_of(bound.state.discrete)
     check_written(bound_data, bound)
     arrays, header = claims_of(bound_data, bound, goal)
-    proved = intervals(arrays, header)
+    proved = proved_intervals(arrays, header)
     header |= widened(proved)
     np.savez(path, header=json.dumps(header), **arrays)
     name = "" if goal is None else "goal "
@@ -208,7 +208,7 @@ def goal_arrays(
     bound_data = parts.bound_data
     terms = goal.terms
     c = bound_data.cells
-    conditions = ContactConditions(bound_data, bound_data.contact.slack(u))
+    conditions = AdjointConditions(bound_data, bound_data.contact.slack(u))
     z, _ = conditions.repaired(terms, goal.pair.z, goal.factor, EXACT)
 
     loaded = terms.load or bound_data.problem.changed(

@@ -232,9 +232,7 @@ COMMANDS = {
     "report": Command(
         "write an HTML report about a saved run", ("run_file", "--out FILE")
     ),
-    "check": Command(
-        "check the proof in a receipt", ("receipt",), "check_file"
-    ),
+    "check": Command("check the proof in a receipt", ("receipt",), "check_file"),
     "limit": Command(
         "lower and upper bounds of a limit load, or of loads that vary (shakedown)",
         ("body", "--width X", "--max-cells N", "--json FILE", "--figures DIR"),

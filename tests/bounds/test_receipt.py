@@ -289,7 +289,7 @@ def test_other_types_and_shapes_do_not_pass(order, tmp_path):
     assert passes(arrays, header)
     for name, other in changed_types(arrays):
         with pytest.raises(ValueError, match=f"^{name}: "):
-            check_receipt.intervals(other, header)
+            check_receipt.proved_intervals(other, header)
 
 
 def test_stress_and_sides_have_one_order(tmp_path):
@@ -301,7 +301,7 @@ def test_stress_and_sides_have_one_order(tmp_path):
     for name in ("prescribed", "traction", "gap", "pressure"):
         arrays[name] = arrays[name][:, :2]
     with pytest.raises(ValueError, match=r"^stress: "):
-        check_receipt.intervals(arrays, header)
+        check_receipt.proved_intervals(arrays, header)
 
 
 def test_the_checker_needs_numpy_alone(tmp_path):
