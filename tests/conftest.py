@@ -3,6 +3,7 @@
 ``SLOW`` lists what ``make check`` leaves to ``make test``.
 """
 
+import gc
 import os
 from functools import cache, wraps
 from pathlib import Path
@@ -16,6 +17,9 @@ from ngsolve import Mesh, SetNumThreads
 
 from ngepc.geometries import block, ring
 from ngepc.pictures.stills import renderer
+
+# While modules of tests are imported nothing is garbage.
+gc.disable()
 
 HERE = Path(__file__).parent
 
@@ -162,6 +166,13 @@ def rank(path):
 def is_slow(path):
     """Whether a file of tests is one of SLOW."""
     return not SLOW_PLACES.isdisjoint((path, *path.parents))
+
+
+def pytest_collection_finish():
+    """Search for garbage again, and only among what the tests make."""
+    gc.freeze()
+    gc.set_threshold(10_000, 10, 10)
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items):

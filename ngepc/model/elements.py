@@ -50,11 +50,12 @@ def cells_of(mesh: Mesh, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     The first 2^dimension nodes are vertices, those of edges follow.
     """
     elements = getattr(mesh.ngmesh, f"Elements{dimension}D")().NumPy()
-    nodes, region = (elements[name].astype(int) - 1 for name in ("nodes", "index"))
-    missing = 2**dimension - nodes.shape[1]
-    if missing <= 0:
-        return nodes, region
-    return np.pad(nodes, ((0, 0), (0, missing)), constant_values=-1), region
+    numbers = elements["nodes"]
+    count, given = numbers.shape
+    nodes = np.full((count, max(given, 2**dimension)), -1)
+    nodes[:, :given] += numbers
+    region = elements["index"].astype(int) - 1
+    return nodes, region
 
 
 def elements_by_type(mesh: Mesh, dimension: int, chosen: list) -> dict[ET, np.ndarray]:

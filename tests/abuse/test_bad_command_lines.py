@@ -5,10 +5,12 @@ while parsing runs inside this process; what only the work can tell has its own 
 """
 
 import argparse
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from ngepc import __main__ as command_line
 from ngepc.__main__ import main
 from ngepc.cli.commands import COMMANDS, STUDIES, parser
 
@@ -93,6 +95,8 @@ def ends(arguments, capsys):
 
 @pytest.fixture(autouse=True)
 def in_an_empty_folder(tmp_path, monkeypatch):
+    """All cases are read by one parser, which takes longer to make than to read a line."""
+    monkeypatch.setattr(command_line, "parser", cache(command_line.parser))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

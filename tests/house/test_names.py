@@ -2,6 +2,7 @@
 
 import ast
 from collections import Counter
+from functools import cache
 
 import pytest
 from sources import modules, public, public_methods, room
@@ -52,12 +53,15 @@ MOST_ARGUMENTS = 8
 """Arguments that may be given by position."""
 
 
+@cache
 def functions():
     """(module and name, node) for all functions, inner ones too."""
-    for module, tree in modules().items():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef):
-                yield f"{module}.{node.name}", node
+    return [
+        (f"{module}.{node.name}", node)
+        for module, tree in modules().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+    ]
 
 
 def lines_of(function):

@@ -240,16 +240,13 @@ def test_layers_of_two_materials_under_an_obstacle(N):
     height = (x, y, z)[N - 1]
     lift = IfPos(height - 0.5, 0.5 * below + above * (height - 0.5), below * height)
     exact = CF((*(0.0,) * (N - 1), lift))
-    errors = []
-    for maxh in (0.2, 0.1) if N == 2 else (0.5, 0.25):
-        problem = layered_problem(N, maxh, push)
-        primal, dual = (solve(method, problem) for method in METHODS)
-        area = Integrate(CF(1) * ds("contact"), problem.mesh)
-        assert distance(primal.displacement, exact, problem.mesh) < 1e-9
-        assert primal.contact_force == pytest.approx(pressure * area, rel=1e-9)
-        errors.append(distance(dual.displacement, exact, problem.mesh))
-        assert dual.contact_force == pytest.approx(pressure * area, rel=1e-9)
-    assert max(errors) < 1e-12
+    problem = layered_problem(N, 0.2 if N == 2 else 0.5, push)
+    primal, dual = (solve(method, problem) for method in METHODS)
+    area = Integrate(CF(1) * ds("contact"), problem.mesh)
+    assert distance(primal.displacement, exact, problem.mesh) < 1e-9
+    assert primal.contact_force == pytest.approx(pressure * area, rel=1e-9)
+    assert distance(dual.displacement, exact, problem.mesh) < 1e-12
+    assert dual.contact_force == pytest.approx(pressure * area, rel=1e-9)
 
 
 def test_q_is_free_on_interfaces_between_materials():
