@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import base64
 import io
 import itertools
@@ -13,6 +14,7 @@ import signal
 import subprocess
 import tempfile
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -48,22 +50,19 @@ class Seen:
     errors: list[str] = field(default_factory=list)
 
 
-class Browser:
-    """One tab; use as a context manager."""
+class Chromium:
+    """A process of Chromium, the pipe to it, and what came through the pipe so far."""
 
-    def __init__(self, width: int = 700, height: int = 500) -> None:
-        self.size = (width, height)
-        self.seen = Seen()
-        self._numbers = itertools.count(1)
-        self._buffer = b""
-
-    def __enter__(self) -> Browser:
+    def __init__(self) -> None:
+        self.numbers = itertools.count(1)
+        self.buffer = b""
+        self._owner = os.getpid()
         self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        to_browser, self._out = os.pipe()
-        self._in, from_browser = os.pipe()
+        to_browser, self.out = os.pipe()
+        self.incoming, from_browser = os.pipe()
         flags = [*FLAGS, f"--user-data-dir={self._profile.name}", "about:blank"]
         redirect = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
-        self._process = subprocess.Popen(
+        self.process = subprocess.Popen(
             ["bash", "-c", redirect, "bash", chromium(), *flags],
             pass_fds=(to_browser, from_browser),
             stdout=subprocess.DEVNULL,
@@ -72,14 +71,49 @@ class Browser:
         )
         os.close(to_browser)
         os.close(from_browser)
+        atexit.register(self._end)
+
+    def _end(self) -> None:
+        if os.getpid() != self._owner:
+            return
+        os.close(self.out)
+        os.close(self.incoming)
+        with suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        self._profile.cleanup()
+
+
+STARTED: list[Chromium] = []
+"""A start takes a second: all tabs of a process of tests are of the last one that still runs."""
+
+
+def running() -> Chromium:
+    """The Chromium of this process."""
+    if not STARTED or STARTED[-1].process.poll() is not None:
+        STARTED.append(Chromium())
+    return STARTED[-1]
+
+
+class Browser:
+    """One tab that shares nothing with others; use as a context manager."""
+
+    def __init__(self, width: int = 700, height: int = 500) -> None:
+        self.size = (width, height)
+        self.seen = Seen()
+
+    def __enter__(self) -> Browser:
+        self._chromium = running()
         self._session, self._target = None, None
+        self._context = self.call("Target.createBrowserContext")["browserContextId"]
         self._new_tab()
         return self
 
     def _new_tab(self) -> None:
         """A tab in place of the last one: a page that is busy when it is left may hang its tab."""
         old, self._session = self._target, None
-        self._target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        place = {"url": "about:blank", "browserContextId": self._context}
+        self._target = self.call("Target.createTarget", **place)["targetId"]
         if old is not None:
             self.call("Target.closeTarget", targetId=old)
         attached = self.call(
@@ -98,11 +132,8 @@ class Browser:
         self.call("Emulation.setDeviceMetricsOverride", **size)
 
     def __exit__(self, *_: object) -> None:
-        os.close(self._out)
-        os.close(self._in)
-        os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-        self._profile.cleanup()
+        self._session = None
+        self.call("Target.disposeBrowserContext", browserContextId=self._context)
 
     def open(self, path: Path, fragment: str = "") -> Seen:
         """Load a file and wait until it has loaded and been drawn."""
@@ -175,11 +206,11 @@ class Browser:
 
     def call(self, method: str, **parameters: object) -> dict:
         """A command of the DevTools protocol and its answer."""
-        number = next(self._numbers)
+        number = next(self._chromium.numbers)
         message = {"id": number, "method": method, "params": parameters}
         if self._session:
             message["sessionId"] = self._session
-        os.write(self._out, json.dumps(message).encode() + b"\0")
+        os.write(self._chromium.out, json.dumps(message).encode() + b"\0")
         while True:
             answer = self._read()
             if answer.get("id") == number:
@@ -188,17 +219,20 @@ class Browser:
             self._note(answer)
 
     def _read(self, seconds: float = 60.0) -> dict:
-        while b"\0" not in self._buffer:
-            ready, _, _ = select.select([self._in], [], [], seconds)
+        source = self._chromium
+        while b"\0" not in source.buffer:
+            ready, _, _ = select.select([source.incoming], [], [], seconds)
             assert ready, f"Chromium was silent for {seconds} s"
-            chunk = os.read(self._in, 1 << 20)
+            chunk = os.read(source.incoming, 1 << 20)
             assert chunk, "Chromium ended"
-            self._buffer += chunk
-        message, _, self._buffer = self._buffer.partition(b"\0")
+            source.buffer += chunk
+        message, _, source.buffer = source.buffer.partition(b"\0")
         return json.loads(message)
 
     def _note(self, event: dict) -> None:
         method, data = event.get("method"), event.get("params", {})
+        if event.get("sessionId") != self._session:
+            return  # of a tab that was left
         if method == "Network.requestWillBeSent":
             address = data["request"]["url"]
             if not address.startswith(("file:", "data:", "about:", "blob:")):

@@ -219,7 +219,7 @@ def test_factors_are_kept_for_solids_that_multigrid_would_solve():
     assert warm.contact_force == pytest.approx(cold.contact_force, rel=1e-8)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def served():
     """The address of a laboratory that the command serves."""
     command = [sys.executable, "-m", "ngepc", "lab", "lshape", "--no-browser"]
