@@ -24,6 +24,7 @@ from ngepc.local.indicators import COVERS as ESTIMATED
 from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.features import is_covered
 
 SHARE = 0.004
 TIMES = 10.0
@@ -39,8 +40,7 @@ def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
     there are no indicators.
     """
     problem = result.problem
-    estimated = problem.features.keys() <= ESTIMATED
-    if problem.N == 3 or not estimated or not_carried(problem):
+    if problem.N == 3 or not is_covered(problem, ESTIMATED) or not_carried(problem):
         return None
     indicators = error_indicators(result).vec.FV().NumPy()
     found = bisected_where_outstanding(problem.mesh, indicators)

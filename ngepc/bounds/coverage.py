@@ -7,7 +7,12 @@ from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule
 
 from ngepc.discretisation.sampling import Scan
 from ngepc.model.elements import has_straight_simplices
-from ngepc.model.features import BASIC_FEATURES, HISTORY_FEATURES, require_covered
+from ngepc.model.features import (
+    BASIC_FEATURES,
+    FEATURES,
+    HISTORY_FEATURES,
+    require_covered,
+)
 from ngepc.model.problem import Problem
 
 COVERS = (
@@ -127,7 +132,7 @@ def check_covered(problem: Problem) -> None:
         covers = COVERS - {"friction"}
         require_covered(problem, "a bound of order 2 in three dimensions", covers)
     for feature, what in FIRST_ORDER.items():
-        if feature in problem.features:
+        if FEATURES[feature].found(problem):
             require_covered(problem, what, COVERS - {"order 2"})
     material = problem.material
     scalar, back = problem.alpha_0

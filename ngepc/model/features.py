@@ -254,6 +254,12 @@ def features_of(problem: ProblemData) -> dict[str, tuple[str, object]]:
     return {name: next(iter(has.items())) for name, has in found.items() if has}
 
 
+def is_covered(problem: ProblemData, covers: frozenset[str]) -> bool:
+    """Whether a problem has these features only."""
+    others = (feature for name, feature in FEATURES.items() if name not in covers)
+    return not any(feature.found(problem) for feature in others)
+
+
 def require_covered(
     problem: ProblemData, what: str, covers: frozenset[str], advice: str = ""
 ) -> None:
