@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ngepc.bounds.polynomials import (
+    EXACT,
     NODES,
     RULE,
     SPLIT,
@@ -214,8 +215,9 @@ class Conjugate:
 
         For linear hardening the plastic term is the integral of the squared distance of s from the
         ball |q| <= beta.  The distance is at most |s - q|, where the Bernstein coefficients of q
-        are those of s projected onto the ball: q lies in their convex hull.  For other laws see
-        ``_of_any_law``.  Parts where this bound exceeds a quadrature rule most are split, until the
+        are those of s projected onto the ball: q lies in their convex hull.  On triangles that
+        yield everywhere ``excess_integrals`` is sharper.  For other laws see ``_of_any_law``.
+        Parts where this bound exceeds a quadrature rule most are split, until the
         possible gain is small relative to the sum of all integrals and ``rest``.
 
         ``nodal`` (cells, nodes, c) are stress coordinates at the nodes of the parts of each cell:
@@ -276,7 +278,7 @@ class Conjugate:
         two_h = 2 * self.hardening[cell]
         k = s.shape[1]
         bound = square_integrals(beyond(s, self.beta[cell]), volume) / two_h
-        if k == 6:
+        if k in EXACT:
             bound = np.minimum(
                 bound, excess_integrals(s, self.beta[cell], volume) / two_h
             )
@@ -313,7 +315,7 @@ class Conjugate:
         beta = resistance.bound(g) - slope * g
         given = resistance.bound(g) * g - slope * g**2 / 2 - resistance.energy(g)
         squares = square_integrals(beyond(s, beta), volume)
-        if s.shape[1] == 6:
+        if s.shape[1] in EXACT:
             squares = np.minimum(squares, excess_integrals(s, beta, volume))
         hard = np.where(modulus > 0, modulus, 1.0)
         linear = np.where(modulus > 0, volume * given + squares / (2 * hard), np.inf)

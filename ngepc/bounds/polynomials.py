@@ -154,37 +154,40 @@ def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
     return share[..., None] * s
 
 
-_POINTS, _WEIGHTS = triangle_rule(16)
-_POINTS = quadratics(_POINTS)
+_SIXTEEN = triangle_rule(16)
+EXACT = {3: triangle_rule(8), 6: (quadratics(_SIXTEEN[0]), _SIXTEEN[1])}
+"""Rules for fourth powers of |s|^2: values at the points from the coefficients, and weights."""
+
 _DEGREE_SIX = {3: triangle_rule(6), 4: tetrahedron_rule(6)}
 
 
 def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.ndarray:
-    """Upper bound of int (|s| - beta)^2 for quadratic s, up to fourth powers of variations.
+    """Upper bound of int (|s| - beta)^2 on triangles, up to fourth powers of variations.
 
     With r = |s|^2/c - 1 >= m > -1 Taylor's remainder gives
 
         |s| >= c^(1/2) (1 + r/2 - r^2/8 + r^3/16 - 5/128 (1 + m)^(-7/2) r^4),
 
-    a polynomial of degree 16.  The coefficients of s bound |s| from below; where that bound is too
+    a polynomial of degree 16 for quadratic s, 8 for affine s.  The coefficients of s bound |s| from below; where that bound is too
     small, the result is infinite.
 
-    ``s`` (n, 6, d) are coefficients; ``beta`` and ``volume`` have the shape (n,).
+    ``s`` (n, 3 or 6, d) are coefficients; ``beta`` and ``volume`` have the shape (n,).
     """
+    points, weights = EXACT[s.shape[1]]
     result = np.zeros(len(s))
     for part in portions(len(s)):
-        values = np.matmul(_POINTS, s[part])
+        values = np.matmul(points, s[part])
         mean = s[part].mean(axis=1, keepdims=True)
         square = np.einsum("tqd,tqd->tq", values, values)
         b = beta[part, None]
-        c = np.maximum(square @ _WEIGHTS, np.finfo(float).tiny)[:, None]
+        c = np.maximum(square @ weights, np.finfo(float).tiny)[:, None]
         least = np.linalg.norm(mean[:, 0], axis=1)
         least = least - np.linalg.norm(s[part] - mean, axis=2).max(axis=1)
         least = np.maximum(least, 0.0)[:, None] ** 2 / c
         r = square / c - 1
         last = 5 / 128 * np.maximum(least, NARROW) ** -3.5
         size = np.sqrt(c) * (1 + r * (1 / 2 - r * (1 / 8 - r * (1 / 16 - last * r))))
-        found = (square - 2 * b * size + b**2) @ _WEIGHTS
+        found = (square - 2 * b * size + b**2) @ weights
         result[part] = np.where(least[:, 0] >= NARROW, found, np.inf)
     return result * volume
 

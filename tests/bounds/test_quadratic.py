@@ -51,14 +51,16 @@ def test_plastic_integrals_from_below(spread, accuracy):
     assert found.sum() >= (1 - accuracy) * exact.sum() * (1 - 1e-4)
 
 
+@pytest.mark.parametrize("k", [3, 6])
 @pytest.mark.parametrize(("spread", "accuracy"), [(0.05, 1e-5), (0.3, 3e-2)])
-def test_plastic_integrals_from_above(spread, accuracy):
-    """Of quadratic functions, against many points."""
+def test_plastic_integrals_from_above(spread, accuracy, k):
+    """Of affine and quadratic functions, against many points."""
     random = np.random.default_rng(0)
-    s = 2 * random.standard_normal((40, 1, 3)) + spread * random.standard_normal(
-        (40, 6, 3)
-    )
-    values, one = np.matmul(quadratics(fine_points(60)), s), np.ones(40)
+    s = 2 * random.standard_normal((40, 1, 3))
+    s = s + spread * random.standard_normal((40, k, 3))
+    places = fine_points(60)
+    values = np.matmul(places if k == 3 else quadratics(places), s)
+    one = np.ones(40)
     exact = ((np.linalg.norm(values, axis=2) - 1.0) ** 2).mean(axis=1)
     found = excess_integrals(s, one, one)
     likely = np.isfinite(found)
