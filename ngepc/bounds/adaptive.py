@@ -38,9 +38,11 @@ ALGEBRAIC_SHARE = 0.1
 
 # Newton pauses at a step that lowers the energy by less than this fraction of the last bound
 SMALL_STEP = 0.1
-FEWER = 0.45  # approximate ratio of the nodes of a mesh and of the next one
+FEWER = 0.3  # approximate ratio of the nodes of a mesh and of the next one
 LEAST_LEFT = 1e-6  # smallest part of an error that a sequence of meshes aims at
 AIM = 0.97  # meshes aim at this fraction of the tolerance, as expected errors are not exact
+SLOWEST = 1.6
+"""Largest factor by which errors are expected to exceed those that indicators predict."""
 TOLERANCE = 1e-10  # the residual at which Newton stops if no small step stops it before
 # refinement continues after these statuses of Newton's method
 SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
@@ -193,6 +195,7 @@ def solve_to(
     records: list[MeshRecord] = []
     state = starting_state(DiscreteProblem(problem), None)
     small = 0.0
+    pace = Pace()
     interval: GoalBound | None = None
     while True:
         result, bound, steps, tools = solved(state, small, options)
@@ -206,8 +209,10 @@ def solve_to(
             return replace(here, message=message)
 
         estimate = bound if interval is None else interval
-        left = tolerance / here.relative_error
-        mesh, parents = next_mesh(result.problem.mesh, estimate.per_cell, left, options)
+        old = result.problem.mesh
+        pace = pace.after(here.relative_error, tolerance, old.dim)
+        part = pace.part
+        mesh, parents = refined_mesh(old, estimate.per_cell, part, options)
         if mesh.nv > options.max_nodes:
             message = (
                 f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
@@ -263,17 +268,51 @@ def reported(record: MeshRecord, monitor: Callable[[MeshRecord], None] | None) -
     return ""
 
 
-def next_mesh(
-    mesh: Mesh, per_cell: np.ndarray, left: float, options: Refinement
-) -> tuple[Mesh, np.ndarray]:
-    """The next mesh, bisected by the indicators ``per_cell``, and the parents of its elements.
+@dataclass(frozen=True)
+class Pace:
+    """How much the error is to decrease from mesh to mesh.
+
+    ``expected`` is the error planned for the next mesh, and ``slowness`` the ratio of the error
+    that was found on the last mesh to that which its indicators had predicted.
+    """
+
+    expected: float = math.inf
+    slowness: float = 1.0
+    part: float = 1.0
+
+    def after(self, error: float, tolerance: float, dim: int) -> Pace:
+        """The plan after a mesh with this error; ``part`` of its indicators are to remain."""
+        missed = self.slowness * error / self.expected
+        slowness = min(max(missed, 1.0), SLOWEST)
+        part = planned_part(tolerance / error, dim)
+        return Pace(part * error, slowness, part / slowness)
+
+
+def planned_part(left: float, dim: int) -> float:
+    """The ratio of the errors of a mesh and of the next one.
 
     ``left`` is the ratio of the tolerance to the present error.  The meshes are planned such that
     the error decreases by the same factor from each mesh to the next.
     """
     wanted = AIM * max(left, LEAST_LEFT)
-    meshes = max(1, round(math.log(wanted) / (2 / mesh.dim * math.log(FEWER))))
-    part = wanted ** (1 / meshes)
+    meshes = max(1, round(math.log(wanted) / (2 / dim * math.log(FEWER))))
+    return wanted ** (1 / meshes)
+
+
+def next_mesh(
+    mesh: Mesh, per_cell: np.ndarray, left: float, options: Refinement
+) -> tuple[Mesh, np.ndarray]:
+    """The next mesh, bisected by the indicators ``per_cell``, and the parents of its elements.
+
+    ``left`` is the ratio of the tolerance to the present error.
+    """
+    return refined_mesh(mesh, per_cell, planned_part(left, mesh.dim), options)
+
+
+def refined_mesh(
+    mesh: Mesh, per_cell: np.ndarray, part: float, options: Refinement
+) -> tuple[Mesh, np.ndarray]:
+    """The mesh bisected until this part of the indicators should remain, and the parents."""
     return bisected_to(mesh, np.maximum(per_cell, 0.0), options.marking, part)
 
 
