@@ -21,11 +21,12 @@ from ngsolve import L2, GridFunction
 
 from ngepc._deprecated import old_names
 from ngepc.bounds.convex import conjugate_of
-from ngepc.bounds.corners import pressure_on_copy, state_on_copy
+from ngepc.bounds.corners import balanced_by_copy, pressure_on_copy, state_on_copy
 from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.data import (
     BoundData,
     balanced_stress,
+    factorise,
     feasible_state,
     strain_coordinates,
 )
@@ -196,11 +197,11 @@ def error_bound(result: object) -> ErrorBound:
     problem = solved_problem(result)
     check_covered(problem)
     if not isinstance(result, ExactResult):
-        discrete = bound_data_of(DiscreteProblem(problem)).discrete
+        discrete = data_on(DiscreteProblem(problem)).discrete  # refuses boundary data
         state = state_of(discrete, result)
         result = ExactResult(state, Status.STOPPED, "", History())
     bound = bound_on_copy(result)
-    return bound or bound_of(bound_data_of(result.discrete), result.state)
+    return bound or bound_of(data_on(result.discrete), result.state)
 
 
 def solved_problem(result: object) -> Problem:
@@ -221,24 +222,24 @@ def bound_on_copy(result: ExactResult) -> ErrorBound | None:
     if found is None:
         return None
     state, parents = found
-    bound_data = bound_data_of(state.discrete)
-    _, moved = feasible_state(bound_data, state)
+    bound_data = data_on(state.discrete)
+    state, moved = feasible_state(bound_data, state)
     if moved > state.touching_distance:
         return None
-    P = pressure_on_copy(result, bound_data.contact, parents)
     tangent = Factors(state.discrete, "sparsecholesky")
-    bound, _ = bound_and_search(bound_data, state, tangent, P)
+    factorise(state, tangent)
+    own = result.state.with_radial_return()
+    if result.problem.order == 1:
+        balanced = balanced_by_copy(own, discrete_forces(own), state, tangent, parents)
+    else:
+        balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
+    algebraic = algebraic_gap(own, balanced)
+    P = pressure_on_copy(result, bound_data.contact, parents)
+    bound, _ = best_bound(bound_data, (state, moved, algebraic), tangent, P)
     cells = result.problem.mesh.ne
     per_cell = np.bincount(parents, bound.per_cell, minlength=cells)
-    own = result.state.with_radial_return()
-    algebraic = algebraic_part(own, Factors(result.discrete, "sparsecholesky"))
-    return replace(
-        bound,
-        total=float(per_cell.sum()),
-        per_cell=per_cell,
-        algebraic=algebraic,
-        given=result.problem,
-    )
+    total = float(per_cell.sum())
+    return replace(bound, total=total, per_cell=per_cell, given=result.problem)
 
 
 def bound_of(bound_data: BoundData, state: State) -> ErrorBound:
@@ -266,6 +267,12 @@ def bound_data_of(discrete: DiscreteProblem) -> BoundData:
 
     ValueError for a problem that no bound covers.
     """
+    check_covered(discrete.problem)
+    return data_on(discrete)
+
+
+def data_on(discrete: DiscreteProblem) -> BoundData:
+    """The same for a problem that is known to be covered: the check takes a while."""
     return (PlaneBoundData if discrete.problem.N == 2 else SolidBoundData)(discrete)
 
 
@@ -275,18 +282,26 @@ def bound_of_state(bound_data: BoundData, given: State, tangent: Factors) -> Err
 
 
 def bound_and_search(
-    bound_data: BoundData,
-    given: State,
-    tangent: Factors,
-    pressure: np.ndarray | None = None,
+    bound_data: BoundData, given: State, tangent: Factors
 ) -> tuple[ErrorBound, Any]:
-    """The same, and the solver that found the stress, see ``BestStress``.
+    """The same, and the solver that found the stress, see ``BestStress``."""
+    state, moved = feasible_state(bound_data, given)
+    algebraic = algebraic_part(state, tangent)
+    return best_bound(bound_data, (state, moved, algebraic), tangent, None)
+
+
+def best_bound(
+    bound_data: BoundData,
+    given: tuple[State, float, float],
+    tangent: Factors,
+    pressure: np.ndarray | None,
+) -> tuple[ErrorBound, Any]:
+    """The same for an admissible state, with the numbers ``moved`` and ``algebraic``.
 
     The contact pressure at the vertices of the facets is that of the state by default.
     """
+    state, moved, algebraic = given
     contact = bound_data.contact
-    state, moved = feasible_state(bound_data, given)
-    algebraic = algebraic_part(state, tangent)
     if pressure is None:
         pressure = contact.pressure(state.multipliers)
     z, at_points, P, search = bound_data.best_stress(state, tangent, pressure)
@@ -314,10 +329,26 @@ def bound_and_search(
 
 def algebraic_part(state: State, tangent: Factors) -> float:
     """Upper bound of J(u) - J_h: the same bound with a discrete stress and discrete contact."""
+    return algebraic_gap(state, discrete_stress(state, tangent))
+
+
+def discrete_forces(state: State) -> np.ndarray:
+    """The nodal forces (nodes, N) of loads and contact, with friction limited by its bound."""
+    contact = state.discrete.contact
+    pushed = contact.forces(contact.friction.projected(state.contact))
+    return state.discrete.load - pushed
+
+
+def discrete_stress(state: State, tangent: Factors) -> np.ndarray:
+    """A stress (points, c) near that of a state, in discrete equilibrium."""
+    return balanced_stress(state, tangent, discrete_forces(state))
+
+
+def algebraic_gap(state: State, z: np.ndarray) -> float:
+    """Upper bound of J(u) - J_h by a stress (points, c) in discrete equilibrium."""
     discrete = state.discrete
     contact = discrete.contact
     forces = contact.friction.projected(state.contact)
-    z = balanced_stress(state, tangent, discrete.load - contact.forces(forces))
     conjugate = conjugate_of(discrete.law)
     density = discrete.law.energy_density(state.at)
     density += conjugate.value(conjugate.completed(z[:, None]))[:, 0]

@@ -12,6 +12,7 @@ from ngsolve import CF, Integrate, Mesh
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets
+from ngepc.bounds.data import stress_change, stress_coordinates
 from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.transfer import (
     carried_state,
@@ -20,6 +21,7 @@ from ngepc.bounds.transfer import (
     on_mesh,
     parents_in,
 )
+from ngepc.discretisation.factors import Factors
 from ngepc.local.indicators import COVERS as ESTIMATED
 from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
@@ -77,6 +79,27 @@ def pressure_on_copy(
     share = share / length_squared[:, None]
     P = (1 - share) * P[facet, :1] + share * P[facet, 1:]
     return np.maximum(P, 0.0)
+
+
+def balanced_by_copy(
+    own: State, forces: np.ndarray, copy: State, tangent: Factors, parents: np.ndarray
+) -> np.ndarray:
+    """A stress (cells, c) near that of a state of order one, in equilibrium with nodal forces.
+
+    The factors of the mesh itself are not needed: ``tangent`` is that on the copy.  There the
+    residual acts on the same vertices, which have the same numbers.  Functions on the mesh are
+    functions on the copy, too, and their strains are constant on its cells, so that the mean over
+    the children of a cell does the same work.
+    """
+    missing = np.where(own.discrete.free, forces - own.internal_forces, 0.0)
+    on_copy = np.zeros_like(copy.u)
+    on_copy[: len(missing)] = missing
+    change = stress_change(copy.discrete, tangent, tangent.solve(on_copy))
+    volume = copy.discrete.points.weights
+    cells = own.discrete.points.weights
+    sums = [np.bincount(parents, volume * part, len(cells)) for part in change.T]
+    z = stress_coordinates(*own.discrete.law.stress(own.at))
+    return z + np.stack(sums, axis=1) / cells[:, None]
 
 
 def bisected_where_outstanding(

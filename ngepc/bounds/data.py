@@ -17,7 +17,6 @@ from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.conjugate import R6, flow_potential, least_potential
 from ngepc.bounds.contact import ContactFacets
 from ngepc.bounds.convex import conjugate_of
-from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches
 from ngepc.bounds.oscillation import CarriedLoads
@@ -69,10 +68,10 @@ class BoundData:
     """Geometry, data and spaces of a discrete problem.
 
     ``conjugate`` and ``at_nodes`` are phi* at the points and at the nodes of the parts of each
-    cell, ``weights`` those of the points at which stresses are integrated.  ValueError for problems
-    that no bound covers.  Subclasses have ``best_stress(state, tangent, P)``: a ``BestStress``
-    near a state, by a tangent of a state near it (or without factors), from the contact pressure P
-    (contact facets, N).
+    cell, ``weights`` those of the points at which stresses are integrated.  The problem is one that
+    bounds cover, see ``check_covered``.  Subclasses have ``best_stress(state, tangent, P)``: a
+    ``BestStress`` near a state, by a tangent of a state near it (or without factors), from the
+    contact pressure P (contact facets, N).
     """
 
     weights = np.ones(1)
@@ -82,7 +81,6 @@ class BoundData:
     the solution of order one, which ``best_stress`` sets."""
 
     def __init__(self, discrete: DiscreteProblem) -> None:
-        check_covered(discrete.problem)
         self.discrete = discrete
         self.problem = discrete.problem
         c = self.cells = Simplices.of(self.problem.mesh)

@@ -45,7 +45,7 @@ from ngepc.model.problem import Problem
 
 COVERS = BOUNDED - {"friction", "plane stress"}
 COVERS -= {"anisotropic yield", "cyclic hardening"}
-"""Features that goal bounds cover; hardening laws with order 1 only."""
+"""Features that goal bounds cover."""
 
 STEP = 1.3
 """Factor between the lambdas that are tried for one adjoint."""
@@ -182,7 +182,7 @@ def goal_bound(result: object, goal: object) -> GoalBound:
         If ``result`` is not the result of a solver, or ``goal`` is not a goal.
     ValueError
         For problems that goal bounds do not cover; the message names the argument: friction, plane
-        stress, hardening laws with order 2, loads that vary inside elements, and everything that
+        stress, loads that vary inside elements, and everything that
         error bounds do not cover.
     RuntimeError
         As ``error_bound``, and where the error bound is infinite.
@@ -195,9 +195,6 @@ def check_goals(problem: Problem) -> None:
     """Refuse problems without goal bounds by name; what error bounds refuse is left to them."""
     bounded = FEATURES.keys() - BOUNDED
     require_covered(problem, "a goal bound", COVERS | bounded)
-    if problem.order == 2:
-        covers = (COVERS | bounded) - {"hardening law"}
-        require_covered(problem, "a goal bound of order 2", covers)
 
 
 class GoalProblem:

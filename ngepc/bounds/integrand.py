@@ -341,6 +341,9 @@ def varying_data(
         return coefficients(at_nodes.reshape(len(size), k, -1))
 
     names = ("bulk", "two_mu", "hardening", "beta")
+    resistance = None
+    if not law.resistance.is_constant:
+        resistance = law.resistance.of(each * owner)
     return VaryingData(
         tau=tau,
         sigma=sigma,
@@ -352,6 +355,7 @@ def varying_data(
         law={name: np.asarray(getattr(law, name))[::each][owner] for name in names},
         size=size,
         owner=owner,
+        resistance=resistance,
     )
 
 

@@ -168,8 +168,8 @@ def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.
 
         |s| >= c^(1/2) (1 + r/2 - r^2/8 + r^3/16 - 5/128 (1 + m)^(-7/2) r^4),
 
-    a polynomial of degree 16 for quadratic s, 8 for affine s.  The coefficients of s bound |s| from below; where that bound is too
-    small, the result is infinite.
+    a polynomial of degree 16 for quadratic s, 8 for affine s.  The coefficients of s bound |s| from
+    below; where that bound is too small, the result is infinite.
 
     ``s`` (n, 3 or 6, d) are coefficients; ``beta`` and ``volume`` have the shape (n,).
     """

@@ -7,7 +7,8 @@ differ little from a rule.
 
 Of the rest of the supremum the part by mean stresses is a quadratic, and q : s a product of
 polynomials.  The integral of eps(z) : s(eps_h) stands in Q_0 with the other sign: whatever a rule
-says there cancels.
+says there cancels, and so does the difference between s(eps_h) and the stress of linear hardening,
+which the rule is given for every law.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from ngepc.bounds.supremum import (
     kept_part,
     mean_part,
 )
+from ngepc.bounds.supremum_of_laws import NonlinearLaw
+from ngepc.discretisation.resistance import Resistance
 
 SPLITS = {4: 2, 6: 3}
 """Most levels of cutting, by the number of coefficients on a part."""
@@ -38,7 +41,8 @@ class VaryingData:
     """Coefficients on parts (parts, k, .), and the law there (parts,).
 
     ``tau`` and ``sigma`` are stresses, mean and deviator; ``volume`` and ``trial`` are tr eps_h and
-    s, ``back`` dev alpha_0, ``trace`` and ``strain`` belong to eps(z).
+    s, ``back`` dev alpha_0, ``trace`` and ``strain`` belong to eps(z).  ``resistance`` is that of a
+    nonlinear hardening law on the parts, None for linear hardening.
     """
 
     tau: np.ndarray
@@ -51,6 +55,7 @@ class VaryingData:
     law: dict[str, np.ndarray]
     size: np.ndarray
     owner: np.ndarray
+    resistance: Resistance | None = None
 
     @property
     def k(self) -> int:
@@ -59,22 +64,28 @@ class VaryingData:
 
     def of(self, chosen: slice | np.ndarray) -> VaryingData:
         """The data on some of the parts."""
+        own = None if self.resistance is None else self.resistance.of(chosen)
         return VaryingData(
             **{name: getattr(self, name)[chosen] for name in NAMES},
             law={name: value[chosen] for name, value in self.law.items()},
             size=self.size[chosen],
             owner=self.owner[chosen],
+            resistance=own,
         )
 
     def cut(self) -> VaryingData:
         """The data on the children of all parts."""
         k = self.k
         count = len(SPLIT[k])
+        own = self.resistance
+        if own is not None:
+            own = own.of(np.repeat(np.arange(len(self.size)), count))
         return VaryingData(
             **{name: on_child_parts(getattr(self, name)) for name in NAMES},
             law={name: np.repeat(v, count) for name, v in self.law.items()},
             size=np.repeat(self.size / count, count),
             owner=np.repeat(self.owner, count),
+            resistance=own,
         )
 
     def turned(self) -> VaryingData:
@@ -110,8 +121,7 @@ class VaryingData:
         tau = Stresses(values["tau"][:, 0], values["tau"][:, 1:])
         sigma = Stresses(values["sigma"][:, 0], values["sigma"][:, 1:])
         strain = Stresses(values["trace"][:, 0], values["strain"])
-        is_elastic = dots(trial, trial) <= law["beta"] ** 2
-        return Sampled(data, tau, sigma, strain, is_elastic, points)
+        return Sampled(data, tau, sigma, strain, points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +132,6 @@ class Sampled:
     tau: Stresses
     sigma: Stresses
     strain: Stresses
-    elastic: np.ndarray
     points: int
 
     def shaped(self, values: np.ndarray) -> np.ndarray:
@@ -163,9 +172,12 @@ def _at_rule(data: VaryingData, factor: float) -> tuple[np.ndarray, ...]:
     return data.size * (rest @ WEIGHTS[k]), pulled, w
 
 
-def scaled_law(data: VaryingData, factor: float) -> ScaledLaw:
+def scaled_law(data: VaryingData, factor: float) -> ScaledLaw | NonlinearLaw:
     """The law and lambda on the parts."""
     law = data.law
+    if data.resistance is not None:
+        moduli = law["two_mu"], law["hardening"]
+        return NonlinearLaw(data.resistance, *moduli, factor)
     return ScaledLaw.of(law["two_mu"], law["hardening"], law["beta"], factor)
 
 

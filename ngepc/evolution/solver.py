@@ -382,7 +382,7 @@ class _Run:
         old = bound.problem.mesh
         most = self.refinement.max_nodes
         part = self.error / bound.relative
-        mesh, parents = next_mesh(old, bound.per_cell, part, self.refinement)
+        mesh, parents = next_mesh(bound, part, self.refinement)
         share = f"{bound.relative:.2g}"
         asked = f"{self.error:g}"
         reason = (

@@ -81,14 +81,21 @@ def test_a_constant_bound_is_linear_hardening():
     assert not (elastic & ~smooth).any()
 
 
+TOUCHES = {"contact": "contact", "gap": 1e-4}
+
+
 @pytest.mark.parametrize(
-    ("feature", "contact"),
-    [("hardening law", {"contact": "contact", "gap": 1e-4}), ("initial strain", {})],
+    ("feature", "changes"),
+    [
+        ("hardening law", TOUCHES),
+        ("hardening law", TOUCHES | {"order": 2}),
+        ("initial strain", {}),
+    ],
 )
-def test_intervals_contain_the_value_of_a_fine_mesh(feature, contact):
-    problem = finer(replace(featured.problem_with(feature), **contact), 1)
+def test_intervals_contain_the_value_of_a_fine_mesh(feature, changes):
+    problem = finer(replace(featured.problem_with(feature), **changes), 1)
     result = semismooth_newton(problem)
-    fine = semismooth_newton(finer(problem, 2))
+    fine = semismooth_newton(finer(problem, 3 - problem.order))
     assert result.state.at.yields.any()
     for goal in ("work", MeanDisplacement("right", 0)):
         coarse_interval = goal_bound(result, goal)
