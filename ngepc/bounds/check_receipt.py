@@ -36,6 +36,7 @@ boundary (u_i = U_i) and may touch an obstacle (u . n <= psi).  With e = dev eps
    on z,  and subtract  L (Y - S, eps(v - u)).  -Q has the same bound with -z, -T, -q, -c.
 """
 
+import functools
 import itertools
 import json
 import math
@@ -85,6 +86,7 @@ def need(condition: object, message: str) -> None:
         raise ValueError(message)
 
 
+@functools.cache
 def cuts(N: int, k: int) -> np.ndarray:
     """Coefficients on the parts of a simplex from its own, (parts, k, k)."""
     corners = np.eye(N + 1)[[CHILDREN[N] // 10, CHILDREN[N] % 10]].mean(axis=0)
@@ -129,15 +131,19 @@ def inner(a: np.ndarray, b: np.ndarray, N: int) -> np.ndarray:
     return dots_at(table @ a, b).sum(axis=1)
 
 
-def split(S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (., 1) and deviator of tensors, in an orthonormal basis of the symmetric ones."""
-    n = S.shape[-1]
+@functools.cache
+def tensor_basis(n: int) -> np.ndarray:
+    """From the entries of tensors: mean, and deviator in an orthonormal basis."""
     E = np.eye(n * n).reshape(-1, n, n)
     mean = np.trace(E, axis1=1, axis2=2) / n
     i, j = np.triu_indices(n)
     deviator = ((E + E.swapaxes(1, 2)) / 2)[:, i, j] - mean[:, None] * (i == j)
-    table = np.column_stack([mean, deviator * np.where(i == j, 1.0, math.sqrt(2))])
-    parts = S.reshape(*S.shape[:-2], -1) @ table
+    return np.column_stack([mean, deviator * np.where(i == j, 1.0, math.sqrt(2))])
+
+
+def split(S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (., 1) and deviator of tensors, of their symmetric parts."""
+    parts = S.reshape(*S.shape[:-2], -1) @ tensor_basis(S.shape[-1])
     return parts[..., :1], parts[..., 1:]
 
 
@@ -153,6 +159,8 @@ def above(
     table = cuts(r.N, x.shape[1])
     found = []
     for _ in range(DEEPEST - 1):
+        if not len(value):
+            break
         x = (np.concatenate(table) @ x).reshape(-1, *x.shape[1:])
         law = law.repeat(len(table), axis=0)
         law[:, -1] /= len(table)
