@@ -312,7 +312,7 @@ def test_examples_of_help_pages_are_legal_and_each_command_has_one():
     [
         ["--nodes", "833", "--method", "primal"],
         ["--nodes", "833"],
-        ["--nodes", "225", "--gamma", "1e4", "--start", "coarse"],
+        ["--nodes", "113", "--gamma", "1e4", "--start", "coarse"],
     ],
 )
 def test_methods_agree_on_the_primal_energy(choice, capsys):

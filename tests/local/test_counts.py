@@ -75,7 +75,7 @@ def indented_block(mesh, ratio):
 def test_sphere_on_a_block(shape, ratio, most):
     """Cells and their halves, displacements of order two: the same few steps."""
     for level in (0, 1):
-        mesh = block.structured_mesh(*3 * [3 * (level + 1)])
+        mesh = block.structured_mesh(*3 * [2 * (level + 1)])
         if shape == "tetrahedra":
             mesh = block.mesh(maxh=0.4)
             for _ in range(level):

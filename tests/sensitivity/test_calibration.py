@@ -13,7 +13,7 @@ MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, **TRUTH)
 
 
 def indentation(depth: float) -> tuple[Problem, Schedule]:
-    """A parabola pressed into a block in six steps, and a seventh step back."""
+    """A parabola pressed into a block in four steps, and a fifth step back."""
     problem = Problem(
         block.structured_mesh(6, 3, size=(2.0, 1.0), simplices=True),
         MATERIAL,
@@ -22,7 +22,7 @@ def indentation(depth: float) -> tuple[Problem, Schedule]:
         kinematics="plane strain",
         order=1,
     )
-    times = (0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1)
+    times = (0.2, 0.5, 0.8, 1.0, 1.1)
 
     def changes(t: float) -> dict:
         return {"gap": (x - 1) ** 2 / 2 - depth * min(t, 2 - t)}
@@ -104,7 +104,7 @@ def test_as_many_measurements_as_constants_tell_nothing_of_an_unknown_noise():
 
 def test_what_is_refused(deep):
     problem, schedule, force = deep
-    with pytest.raises(ValueError, match="one value for each of 7 times"):
+    with pytest.raises(ValueError, match="one value for each of 5 times"):
         Curve(schedule, "contact_force", force[:3])
     with pytest.raises(ValueError, match="noise=0"):
         Curve(schedule, "contact_force", force, 0.0)

@@ -44,7 +44,7 @@ SEEDS = (4, 7, 12, 18, 26, 45)
 def test_gradients_agree_with_central_differences(seed):
     """Without friction, Tresca's, Coulomb's, from 24 on two bodies."""
     problem = random_problem(seed)
-    found = [c for c in compared(problem, every=slice(seed % 5, None, 5)) if c.smooth]
+    found = [c for c in compared(problem, every=slice(seed % 5, None, 8)) if c.smooth]
     assert len(found) >= 5
     assert max(c.error for c in found) < 1e-8
 
@@ -380,8 +380,8 @@ def test_coulomb_friction_beside_a_support(seed, held):
     sides = LinearContact(result.state)
     assert sides.slips.sum() >= 3
     assert not sides.closed.all()
-    found = [c for c in compared(problem, every=slice(0, None, 3)) if c.smooth]
-    assert len(found) >= 15
+    found = [c for c in compared(problem, every=slice(0, None, 5)) if c.smooth]
+    assert len(found) >= 10
     assert max(c.error for c in found) < 1e-8
 
 

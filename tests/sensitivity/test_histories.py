@@ -27,7 +27,7 @@ from ngepc.sensitivity.tangent import tangent, tangents_at
 @pytest.mark.parametrize("seed", [9, 17])
 def test_histories_agree_with_central_differences(seed):
     """With Tresca's and with Coulomb's law; the campaign of derivatives has forty."""
-    part = slice(seed % 5, None, 5)
+    part = slice(seed % 5, None, 8)
     found = [c for c in compared(random_problem(seed), four_times, part) if c.smooth]
     assert len(found) >= 5
     assert max(c.error for c in found) < 1e-8
@@ -39,7 +39,7 @@ def test_histories_of_laws_with_data_of_their_own(seed):
 
     The campaign of derivatives takes all data, of more seeds.
     """
-    part = slice(5, None, 4 if seed == 32 else 8)
+    part = slice(5, None, 8)
     found = [c for c in compared(random_problem(seed), four_times, part) if c.smooth]
     assert len(found) >= 5
     assert max(c.error for c in found) < 1e-7

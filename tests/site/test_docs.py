@@ -39,8 +39,18 @@ WITH_SNIPPETS = [
 ]
 ON_THEIR_OWN = ("README.md", "CONTRIBUTING.md")
 """Pages whose snippets need nothing; the others begin where the first steps end."""
-COARSER = {"maxh=0.25": "maxh=2.5", "maxh=1.0": "maxh=8.0"}
-"""The mesh of the first steps, and the one on which the other pages run here."""
+COARSER = {
+    "docs/first_steps.md": {"maxh=0.25": "maxh=2.5", "maxh=1.0": "maxh=8.0"},
+    "docs/cycles.md": {"steps=50": "steps=5"},
+    "docs/error_bound.md": {"relative_error=0.05": "relative_error=0.3"},
+    "docs/goal_bound.md": {"percent=5": "percent=20"},
+    "docs/hardening.md": {"steps=100": "steps=5", "steps=40": "steps=5"},
+    "docs/howto/moving_obstacles.md": {"mesh(8, 8)": "mesh(4, 4)"},
+}
+"""Page -> meshes, steps and accuracies of its snippets, and those with which they run here.
+
+On the mesh of the first steps all other pages begin.
+"""
 
 BUILD = """import gc, sys
 sys.modules["rfc3987_syntax"] = None
@@ -61,6 +71,19 @@ def name(path):
 def snippets(path):
     found = SNIPPET.findall(path.read_text(encoding="utf-8"))
     return [code for not_run, code in found if not not_run]
+
+
+def coarser(path, code):
+    """Code of a page as it runs here."""
+    for fine, coarse in COARSER.get(name(path), {}).items():
+        code = code.replace(fine, coarse)
+    return code
+
+
+@pytest.mark.parametrize("page", COARSER)
+def test_what_is_made_coarser_is_there(page):
+    text = "".join(snippets(ROOT / page))
+    assert [text.count(fine) for fine in COARSER[page]] == [1] * len(COARSER[page])
 
 
 def run_in(folder, code):
@@ -90,10 +113,7 @@ def first_steps(tmp_path_factory):
     """What the file of the first steps leaves behind on a coarser mesh: its names."""
     if not viewer_installed():
         pytest.skip("the first steps draw with the extra 'html'")
-    code = FIRST_STEPS
-    for fine, coarse in COARSER.items():
-        assert code.count(fine) == 1
-        code = code.replace(fine, coarse)
+    code = coarser(DOCS / "first_steps.md", FIRST_STEPS)
     return run_in(tmp_path_factory.mktemp("empty"), code)
 
 
@@ -104,7 +124,8 @@ def test_snippets_run_one_after_the_other(
     monkeypatch.chdir(tmp_path)
     names = {} if name(path) in ON_THEIR_OWN else dict(first_steps)
     for number, code in enumerate(snippets(path), 1):
-        exec(compile(code, f"{name(path)}, snippet {number}", "exec"), names)
+        place = f"{name(path)}, snippet {number}"
+        exec(compile(coarser(path, code), place, "exec"), names)
 
 
 def test_what_is_not_run_is_rare():
