@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
 
@@ -37,7 +38,7 @@ from ngepc.model.features import (
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import ExactTarget, newton_iteration
 from ngepc.results.options import NewtonOptions
-from ngepc.results.outcome import Monitor, Status
+from ngepc.results.outcome import History, Monitor, Status
 from ngepc.results.result import DiscreteSolution
 
 COVERS = (
@@ -51,6 +52,19 @@ COVERS = (
     | {"anisotropic yield", "cyclic hardening", "shared mesh"}
 )
 """Features that the exact method covers."""
+
+
+SOFT = 0.02
+"""Hardening over 2 mu_2 below which a cold solve with order two may go by way of order one."""
+
+FAR = 0.5
+"""It does if this part of the load is out of balance after the elastic step."""
+
+ROUGH = 1e-2
+"""Tolerance of the solution of order one."""
+
+LARGE = 1.0
+"""A solution of order one without hardening and with a larger |p| is no good start."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,10 +138,14 @@ class RepeatedSolver:
         TypeError, ValueError
             If an argument is not legal.
         """
+        discrete = self.discretised(problem)
+        return self.solve_from(starting_state(discrete, start), monitor)
+
+    def discretised(self, problem: Problem) -> DiscreteProblem:
+        """The discrete problem, with data of the last one; errors as for a call."""
         require_instance("problem", problem, Problem, "a Problem")
         require_covered(problem, "semismooth_newton", COVERS)
-        discrete = DiscreteProblem(problem, like=self._discrete)
-        return self.solve_from(starting_state(discrete, start), monitor)
+        return DiscreteProblem(problem, like=self._discrete)
 
     def _fastest(self, discrete: DiscreteProblem) -> str | Iterative:
         """The linear solver for a body where the options name none."""
@@ -138,10 +156,12 @@ class RepeatedSolver:
         state: State,
         monitor: Monitor | None = None,
         compliance: Compliance | None = None,
+        second: Callable[[State], State] | None = None,
     ) -> ExactResult:
         """Solve the problem of a state, from there.
 
-        ``compliance`` is a guess for that of the contact rows, which factors of tangents correct.
+        ``compliance`` is a guess for that of the contact rows, which factors of tangents correct;
+        ``second`` may replace the iterate after the first step.
         """
         before = self._discrete
         discrete = state.discrete
@@ -158,7 +178,9 @@ class RepeatedSolver:
             target = InexactTarget(discrete, tangent.forcing, self.options.tolerance)
         limits = self.options.tolerance, self.options.max_iterations
         made = partial(ExactResult, linear_solver=solver_name(self._chosen))
-        result = newton_iteration(state, tangent, made, *limits, monitor, target)
+        result = newton_iteration(
+            state, tangent, made, *limits, monitor, target, second
+        )
         failed = result.status is Status.NONFINITE
         if failed and discrete.problem.processes.any(state.contact != 0):
             # Forces of another problem may lead nowhere under friction: once more without them.
@@ -178,6 +200,8 @@ class RepeatedSolver:
         return result
 
 
+@one_blas_thread
+@crew()
 def solve_exactly(
     problem: Problem,
     start: object | None,
@@ -188,11 +212,63 @@ def solve_exactly(
 ) -> ExactResult:
     """Minimise J(u, p) of (2.14) over the discrete displacements with N u <= gaps.
 
-    The same arguments as ``semismooth_newton`` and ``NewtonOptions``.
+    The same arguments as ``semismooth_newton`` and ``NewtonOptions``.  Without a ``start`` soft
+    plane bodies with displacements of order two start from the solution of order one.
     """
     limits = {"tolerance": tolerance, "max_iterations": max_iterations}
-    solver = RepeatedSolver(NewtonOptions(**limits, inverse=inverse))
-    return solver(problem, start, monitor)
+    options = NewtonOptions(**limits, inverse=inverse)
+    solver = RepeatedSolver(options)
+    discrete = solver.discretised(problem)
+    state = starting_state(discrete, start)
+    if start is not None or not gains_by_order_one(discrete):
+        return solver.solve_from(state, monitor)
+    order_one = OrderOne(options)
+    result = solver.solve_from(state, monitor, second=order_one)
+    return replace(result, order_one=order_one.history)
+
+
+def gains_by_order_one(discrete: DiscreteProblem) -> bool:
+    """Whether a cold solve with order two may take less time by way of order one.
+
+    It does for plane bodies that soften much when they yield.  A history starts from its last step
+    instead, and with friction the start could decide which of several equilibria is found.
+    """
+    problem = discrete.problem
+    law = discrete.law
+    plane = problem.N == 2 and problem.order == 2 and problem.processes.size == 1
+    history = (
+        problem.initial_plastic_strain,
+        problem.initial_hardening,
+        problem.initial_accumulated,
+        problem.initial_displacement,
+    )
+    virgin = all(value is None for value in history)
+    soft = float((law.least_hardening / law.two_mu).min()) < SOFT
+    return plane and virgin and soft and problem.friction is None
+
+
+class OrderOne:
+    """Replaces the elastic iterate by a rough solution with displacements of order one.
+
+    About half of the steps from an elastic solution only find the size of the displacement and the
+    plastic zone.  With order one they take a fifth of the time.  ``history`` has their records.
+    """
+
+    history: History | None = None
+
+    def __init__(self, options: NewtonOptions) -> None:
+        self._options = replace(options, tolerance=max(ROUGH, options.tolerance))
+
+    def __call__(self, here: State) -> State:
+        """The state to go on from; the same one if it is near or order one does not converge."""
+        if here.residual_norm < FAR:
+            return here
+        solver = RepeatedSolver(self._options)
+        first = solver(replace(here.discrete.problem, order=1)).or_interrupted()
+        self.history = first.history
+        if first.status is not Status.CONVERGED or first.state.flowing > LARGE:
+            return here
+        return starting_state(here.discrete, first)
 
 
 def starting_state(discrete: DiscreteProblem, start: object | None) -> State:

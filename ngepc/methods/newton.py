@@ -67,7 +67,8 @@ def semismooth_newton(
         Short for ``regularisation=Coupled(gamma)``.
     start
         An earlier result (exact: or a displacement) on this or another mesh of the body; None
-        starts from zero.
+        starts from zero.  The exact method may then solve a soft plane problem of order two with
+        order one before; the records of that are ``order_one`` of the result.
     options
         Tolerance, limits and solver; None for the defaults.
     monitor

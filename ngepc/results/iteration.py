@@ -86,11 +86,13 @@ def newton_iteration(
     max_iterations: int,
     monitor: Monitor | None = None,
     target: Target | None = None,
+    second: Callable[[Any], Iterate] | None = None,
 ) -> Any:
     """Newton steps from a state until its residual is within the tolerance or something stops them.
 
     The monitor gets the record of each iterate and may raise StopIteration; ``target`` is exact by
-    default.  What is returned is ``result`` of the last state, whatever its status says.
+    default; ``second`` may replace the iterate after the first step.  What is returned is
+    ``result`` of the last state, whatever its status says.
     """
     history = History()
     before = None
@@ -105,11 +107,8 @@ def newton_iteration(
             history.records.append(record)
             log.info(LINE, vars(record))
             if monitor is not None:
-                seen = History(list(history.records))
-                ending = f"after {record.iteration} steps"
-                snapshot = partial(result, state, Status.STOPPED, ending, seen)
-                shown = replace(record, snapshot=snapshot)
-                state.body.contact.processes.show(monitor, shown)
+                snapshot = partial(result, state, Status.STOPPED)
+                show_iterate(monitor, history, snapshot, state)
             status, message = end_of(state, before, history, tolerance, max_iterations)
             if status is Status.CONVERGED and state.body.contact.friction.d:
                 status, message = uniqueness(state.with_radial_return(), tangent)
@@ -120,6 +119,7 @@ def newton_iteration(
                     status, message = no_descent(state)
                 else:
                     state, length, trials = following
+                    state = replaced(state, history, second)
     except FactorisationError as error:
         status = Status.NONFINITE
         message = f"{error}."
@@ -128,6 +128,26 @@ def newton_iteration(
         status = Status.STOPPED
         message = f"after {len(history.records) - 1} steps"
     return result(state, status, message, history)
+
+
+def replaced(
+    state: Iterate, history: History, second: Callable[[Any], Iterate] | None
+) -> Iterate:
+    """The iterate to go on from: after the first step what ``second`` makes of it."""
+    if second is None or len(history.records) > 1:
+        return state
+    return second(state)
+
+
+def show_iterate(
+    monitor: Monitor, history: History, snapshot: Callable[..., Any], state: Iterate
+) -> None:
+    """Call the monitor with the last record, and a result of a run that ends there."""
+    record = history.records[-1]
+    seen = History(list(history.records))
+    ending = f"after {record.iteration} steps"
+    shown = replace(record, snapshot=partial(snapshot, ending, seen))
+    state.body.contact.processes.show(monitor, shown)
 
 
 def record_of(

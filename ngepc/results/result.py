@@ -45,6 +45,7 @@ class Result(Quantities, Ending):
     """
 
     history: History  # the records of the iterates
+    order_one: History | None = None  # of a solve with order one before
     method_label: str  # 'exact', 'gamma = 1e4': what was solved
     residual_norm: float  # at the end; the norm depends on the method
     primal_energy: float  # J(u, p) of (2.14)
@@ -58,6 +59,15 @@ class Result(Quantities, Ending):
     def iterations(self) -> int:
         """Newton steps done."""
         return self.history.records[-1].iteration if self.history.records else 0
+
+    @property
+    def steps_in_words(self) -> str:
+        """The number of Newton steps, and of those of order one before them, if any."""
+        words = str(self.iterations)
+        if self.order_one is not None:
+            before = self.order_one.records[-1].iteration
+            words += f" after {before} of order one"
+        return words
 
     @property
     def fields(self) -> Fields:
@@ -91,7 +101,7 @@ class Result(Quantities, Ending):
         rows = {
             "status": str(self.status),
             "method": self.method_label,
-            "Newton steps": str(self.iterations),
+            "Newton steps": self.steps_in_words,
             "residual": f"{self.residual_norm:.2g}",
             "body": f"{size}, order {problem.order}, {problem.kinematics.name}",
             "energy J": f"{self.primal_energy:.10g}",
@@ -129,6 +139,8 @@ class DiscreteSolution(Result):
     history: History
     linear_solver: str = ""
     """'sparsecholesky', 'PETSc', 'PyAMG': what was given or chosen."""
+    order_one: History | None = None
+    """Records of the solve with order one that gave the start of one with order two, if any."""
 
     @property
     def problem(self) -> Problem:

@@ -262,6 +262,17 @@ def misfit(observed: ngs.CoefficientFunction, boundary: str | None = None) -> Fo
     return lambda u, p, stress: ngs.InnerProduct(u - observed, u - observed) * measure
 
 
+def _require_arguments(form: Form) -> None:
+    """TypeError if a form has other than three or four arguments."""
+    count = len(signature(form).parameters)
+    if count not in (3, 4):
+        raise TypeError(
+            f"functional={in_words(form)}: a function (u, p, stress) or (u, p, stress, pressure) "
+            f"that returns integrals is needed, such as lambda u, p, stress: u[0] * ds('right'); "
+            f"it has {count} argument{'s' * (count != 1)}"
+        )
+
+
 def as_functional(functional: object) -> Functional:
     """A functional from its name, a form, or itself.
 
@@ -274,6 +285,7 @@ def as_functional(functional: object) -> Functional:
             )
         functional = SimpleNamespace(slope=NAMES[functional])
     elif callable(functional):
+        _require_arguments(functional)
         functional = SimpleNamespace(slope=partial(_of_form, functional))
     require_attributes(
         "functional", functional, ["slope"], "a name, a form or a functional"

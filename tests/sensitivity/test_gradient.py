@@ -263,6 +263,8 @@ def test_forms_that_are_none(lshape_result):
         gradient(lshape_result, lambda u, p, stress: u[0], "gap")
     with pytest.raises(TypeError, match="a name, a form or a functional"):
         gradient(lshape_result, 3.0, "gap")
+    with pytest.raises(TypeError, match=r"\(u, p, stress\).* has 1 argument$"):
+        gradient(lshape_result, lambda fields: fields.displacement, "gap")
 
 
 def test_what_is_no_solution_has_no_derivative():

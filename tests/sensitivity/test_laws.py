@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from ngsolve import x
+from ngsolve import Integrate, ds, x
 
 from ngepc import (
     Hill,
@@ -281,3 +281,44 @@ def test_data_that_a_law_has_not(name):
     result = semismooth_newton(pressed(Tabulated((0.0, 0.01), (1.5, 2.0))))
     with pytest.raises(ValueError, match="parameters='law"):
         gradient(result, "contact_force", [name])
+
+
+@pytest.mark.parametrize("kind", ["isotropic", "kinematic"])
+def test_derivatives_by_numbers_of_a_data_sheet(kind):
+    """By R and H' of ``Material.metal``, as docs/sensitivities.md has them."""
+
+    def bent(given):
+        yield_stress, plastic_modulus = given
+        metal = Material.metal(
+            young=210e3,
+            poisson=0.3,
+            yield_stress=yield_stress,
+            plastic_modulus=plastic_modulus,
+            kind=kind,
+        )
+        mesh = block.structured_mesh(4, 2, size=(2.0, 1.0))
+        load = {"right": (0.0, -60.0)}
+        return Problem(mesh, metal, clamped="left", traction=load)
+
+    def sag(given):
+        solved = semismooth_newton(bent(given)).raise_for_status()
+        sagging = solved.displacement[1] * ds("right")
+        return Integrate(sagging, solved.problem.mesh)
+
+    data = np.array([170.0, 700.0])
+    result = semismooth_newton(bent(data))
+    metal = result.problem.material
+    modulus = "hardening_stiffness" if kind == "isotropic" else "hardening"
+    slopes = gradient(
+        result, lambda u, p, stress: u[1] * ds("right"), ["yield_stress", modulus]
+    )
+    by_bound = slopes["yield_stress"]
+    by_modulus = slopes[modulus]
+    if kind == "isotropic":
+        ratio = 2 * metal.hardening_stiffness / metal.yield_stress
+        by_bound = by_bound - ratio * by_modulus
+        by_modulus = by_modulus / (metal.hardening_modulus * metal.yield_stress) ** 2
+    found = np.array([np.sqrt(2 / 3) * by_bound, 2 / 3 * by_modulus])
+    steps = 1e-4 * np.diag(data)
+    central = [(sag(data + h) - sag(data - h)) / (2 * h.sum()) for h in steps]
+    assert abs(found / central - 1).max() < 1e-5
