@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns.crossings import finer
-from ngsolve import Integrate, x
+from ngsolve import Integrate, x, y
 
 from ngepc import (
     ContactForceOn,
@@ -19,6 +19,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.bounds.adjoint import AdjointProblem
+from ngepc.bounds.bound import bound_data_of
 from ngepc.bounds.goal_bound import GoalProblem
 from ngepc.bounds.goal_terms import terms_of
 from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots, mean_part
@@ -308,3 +309,30 @@ def test_intervals_do_not_depend_on_units(length, stress):
         first = goal_bound(one, goal(1.0)).percent
         second = goal_bound(other, goal(length)).percent
         assert second == pytest.approx(first, rel=0.05)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_an_exact_adjoint_has_a_narrow_interval(order):
+    """The adjoint of the mean of a side is linear: lambda must not go to zero with its error.
+
+    A body on rollers yields under a traction that varies; the interval was a billion wide.
+    """
+    metal = Material.kinematic(
+        lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
+    )
+    problem = Problem(
+        block.mesh(0.25, (1.0, 0.7)),
+        metal,
+        clamped=None,
+        prescribed={"left": (0.0, None), "clamped": (None, 0.0)},
+        traction={"right": (6.0 + y, 1.0)},
+        order=order,
+    )
+    goal = MeanDisplacement("right", 0)
+    interval = goal_bound(semismooth_newton(problem), goal)
+    fine = semismooth_newton(finer(replace(problem, order=2), 2))
+    bound_data = bound_data_of(fine.discrete)
+    value = terms_of(goal, bound_data).value(bound_data, fine.state)
+    assert interval.adjoint < 1e-12 * interval.bound.total * interval.factor**2
+    assert interval.lower < value < interval.upper
+    assert interval.percent < 4
