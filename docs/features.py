@@ -60,8 +60,7 @@ problem has.
 """
 
 TAIL = """
-Bounds of order 2 in three dimensions do not cover friction, and goals of order 2 do not cover
-hardening laws. Bounds and brackets need coefficients
+Bounds of order 2 in three dimensions do not cover friction. Bounds and brackets need coefficients
 that are constant on each element.
 
 This page is made by `python docs/features.py`, and a test compares it with the methods. Another
