@@ -38,7 +38,7 @@ ALGEBRAIC_SHARE = 0.1
 
 # Newton pauses at a step that lowers the energy by less than this fraction of the last bound
 SMALL_STEP = 0.1
-FEWER = {1: 0.3, 2: 0.45}
+FEWER = {1: 0.45, 2: 0.45}
 """Approximate ratio of the nodes of a mesh and of the next one, by the order.
 
 Near corners indicators fall more slowly than predicted.  With order two most of the error is there.
