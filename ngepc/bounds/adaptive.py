@@ -38,11 +38,7 @@ ALGEBRAIC_SHARE = 0.1
 
 # Newton pauses at a step that lowers the energy by less than this fraction of the last bound
 SMALL_STEP = 0.1
-FEWER = {1: 0.45, 2: 0.45}
-"""Approximate ratio of the nodes of a mesh and of the next one, by the order.
-
-Near corners indicators fall more slowly than predicted.  With order two most of the error is there.
-"""
+FEWER = 0.45  # approximate ratio of the nodes of a mesh and of the next one
 LEAST_LEFT = 1e-6  # smallest part of an error that a sequence of meshes aims at
 AIM = 0.97  # meshes aim at this fraction of the tolerance, as expected errors are not exact
 SLOWEST = 1.6
@@ -214,7 +210,7 @@ def solve_to(
 
         estimate = bound if interval is None else interval
         old = result.problem.mesh
-        part = planned_part(tolerance / here.relative_error, old.dim, problem.order)
+        part = planned_part(tolerance / here.relative_error, old.dim)
         pace = pace.after(here.relative_error, part)
         part = part / pace.slowness
         mesh, parents = refined_mesh(old, estimate.per_cell, part, options)
@@ -292,14 +288,14 @@ class Pace:
         return Pace(part * error, min(max(missed, 1.0), SLOWEST))
 
 
-def planned_part(left: float, dim: int, order: int) -> float:
+def planned_part(left: float, dim: int) -> float:
     """The ratio of the errors of a mesh and of the next one.
 
     ``left`` is the ratio of the tolerance to the present error.  The meshes are planned such that
     the error decreases by the same factor from each mesh to the next.
     """
     wanted = AIM * max(left, LEAST_LEFT)
-    meshes = max(1, round(math.log(wanted) / (2 / dim * math.log(FEWER[order]))))
+    meshes = max(1, round(math.log(wanted) / (2 / dim * math.log(FEWER))))
     return wanted ** (1 / meshes)
 
 
@@ -311,7 +307,7 @@ def next_mesh(
     ``left`` is the ratio of the tolerance to the present error.
     """
     mesh = bound.problem.mesh
-    part = planned_part(left, mesh.dim, bound.problem.order)
+    part = planned_part(left, mesh.dim)
     return refined_mesh(mesh, bound.per_cell, part, options)
 
 
