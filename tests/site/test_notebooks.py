@@ -30,6 +30,11 @@ ENVIRONMENT = os.environ | {
     "PYTHONWARNINGS": "ignore",
 }
 
+WITHOUT_LAYOUT = """
+from ngepc.pictures.style import RC
+RC["figure.constrained_layout.use"] = False
+"""
+
 MANY_SPACES = "no more timer available (FESpace), reusing last one\n"
 """NGSolve says it once to a process that has made some ten thousand spaces."""
 
@@ -61,7 +66,8 @@ def code_cells(path):
 def execute():
     """Run notebooks in one kernel, which takes seconds to start: each in a folder, without names.
 
-    ``make docs`` gives each its own.
+    ``make docs`` gives each its own.  Pictures are drawn, but not laid out, which
+    takes a sixth of the time and is tested with the pictures.
     """
     new = nbformat().v4
     client = importlib.import_module("nbclient").NotebookClient(
@@ -70,7 +76,7 @@ def execute():
 
     def run(notebook, folder):
         client.nb = notebook
-        fresh = new.new_code_cell(f"%cd -q {folder}\n%reset -f")
+        fresh = new.new_code_cell(f"%cd -q {folder}\n{WITHOUT_LAYOUT}\n%reset -f")
         notebook.cells.insert(0, fresh)
         client.execute(cleanup_kc=False, env=ENVIRONMENT)
         return notebook
