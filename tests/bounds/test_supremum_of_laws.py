@@ -93,7 +93,8 @@ TOUCHES = {"contact": "contact", "gap": 1e-4}
     ],
 )
 def test_intervals_contain_the_value_of_a_fine_mesh(feature, changes):
-    problem = finer(replace(featured.problem_with(feature), **changes), 1)
+    problem = replace(featured.problem_with(feature), **changes)
+    problem = finer(problem, 2 - problem.order)
     result = semismooth_newton(problem)
     fine = semismooth_newton(finer(problem, 3 - problem.order))
     assert result.state.at.yields.any()

@@ -99,12 +99,17 @@ def forget_cells(name):
 
 
 def run(name):
-    """Make a result; its time is added to that of the attempts that were interrupted."""
+    """Make a result; its time is added to that of the attempts that were interrupted.
+
+    It is finished when its table is written, also where the command ends with 1 because the table
+    has a cell that did not converge.
+    """
     before = times().get(name, {})
     on = commit()
     continues = bool(before) and not before["finished"] and same_code(name, before)
     if not continues:
         forget_cells(name)
+    begun = time.time()
     start = time.perf_counter()
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     try:
@@ -123,7 +128,8 @@ def run(name):
             entry["wall_s"] += before["wall_s"]
             entry["cpu_s"] += before["cpu_s"]
         write(name, entry)
-    write(name, {**entry, "finished": ended == 0})
+    written = (RESULTS / f"{name}.json").stat().st_mtime
+    write(name, {**entry, "finished": written >= begun})
     return ended
 
 
