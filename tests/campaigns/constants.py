@@ -20,7 +20,7 @@ from itertools import combinations
 from math import factorial, sqrt
 
 import numpy as np
-from scipy.linalg import block_diag, null_space, qr
+from scipy.linalg import block_diag, lapack, null_space, solve_triangular
 
 from ngepc.bounds.oscillation import REFERENCE, rotations
 
@@ -59,9 +59,9 @@ def normal_of(places):
 
 
 class Stresses:
-    """The stresses of one cell, in a basis with continuous normal components.
+    """The stresses of one cell, in an orthonormal basis with continuous normal components.
 
-    ``mass``, ``divergence`` (parts, N, k) and ``traction`` (facet, vertex, N, k) act on it.
+    ``divergence`` (parts, N, k) and ``traction`` (facet, vertex, N, k) act on it.
     """
 
     def __init__(self, cell):
@@ -85,7 +85,8 @@ class Stresses:
         weights = np.einsum("qij,pij->qp", self.symmetric, self.symmetric)
         nodes = (np.ones((N + 1, N + 1)) + np.eye(N + 1)) * self.volume / (N + 1)
         nodes = np.kron(np.eye(N + 1), nodes / ((N + 1) * (N + 2)))
-        self.mass = basis.T @ np.kron(nodes, weights) @ basis
+        mass = basis.T @ np.kron(nodes, weights) @ basis
+        basis = solve_triangular(np.linalg.cholesky(mass), basis.T, lower=True).T
         self.divergence = np.stack([self._divergence(k) @ basis for k in range(N + 1)])
         self.facets = [[v for v in range(N + 1) if v != k] for k in range(N + 1)]
         self.traction = np.stack([self._traction(k) @ basis for k in range(N + 1)])
@@ -122,16 +123,23 @@ class Stresses:
         return second, turns, np.einsum("ab,bki->aki", Q, on_parts), b
 
 
-def complement(rows):
-    """An orthonormal basis of the null space of a matrix with dependent rows."""
-    q, r, _ = qr(rows.T, pivoting=True, mode="full")
-    size = np.abs(np.diag(r))
-    return q[:, (size > 1e-10 * size[0]).sum() :]
+def square_on_null_space(operator, rows):
+    """A P A^T of an operator A, P the projection onto the null space of dependent rows.
+
+    With a Cholesky decomposition L L^T of B B^T, B being independent rows, P = 1 - (L^-1 B)^T L^-1 B.
+    """
+    square = rows @ rows.T
+    small = 1e-10 * square.diagonal().max()
+    factor, order, rank, _ = lapack.dpstrf(square, tol=small, lower=1)
+    independent = rows[order[:rank] - 1]
+    lower = np.tril(factor[:rank, :rank])
+    left_out = solve_triangular(lower, independent @ operator.T, lower=True)
+    return operator @ operator.T - left_out.T @ left_out
 
 
-def largest_energy(operator, loads):
-    """The largest |tau|^2 of tau in coordinates with operator tau = one of the loads' span."""
-    values, vectors = np.linalg.eigh(operator @ operator.T)
+def largest_energy(square, loads):
+    """The largest |tau|^2 of tau with A tau = one of the loads' span, by A A^T."""
+    values, vectors = np.linalg.eigh(square)
     kept = values > 1e-10 * values[-1]
     assert (
         np.abs(vectors[:, ~kept].T @ loads).max(initial=0.0)
@@ -147,10 +155,7 @@ def constants(N, cuts):
     for _ in range(cuts):
         cells = [small for cell in cells for small in cut(cell)]
     all_stresses, n = [Stresses(cell) for cell in cells], 2**cuts
-    size = all_stresses[0].mass.shape[0]
-    root = block_diag(
-        *[np.linalg.inv(np.linalg.cholesky(s.mass)) for s in all_stresses]
-    )
+    size = all_stresses[0].divergence.shape[-1]
     faces = {}
     for t, s in enumerate(all_stresses):
         for k, face in enumerate(s.facets):
@@ -161,17 +166,16 @@ def constants(N, cuts):
             )
             found[0][:, :, t * size : (t + 1) * size] += s.traction[k][order]
             found[1], found[2:] = found[1] + 1, [s.cell[face][order]]
-    jumps = np.concatenate([f[0].reshape(N * N, -1) for f in faces.values()]) @ root.T
-    divergence = (
-        block_diag(*[s.divergence.reshape(-1, size) for s in all_stresses]) @ root.T
-    )
-    m, b = largest_inside(all_stresses, divergence @ complement(jumps))
+    jumps = np.concatenate([f[0].reshape(N * N, -1) for f in faces.values()])
+    divergence = block_diag(*[s.divergence.reshape(-1, size) for s in all_stresses])
+    m, b = largest_inside(all_stresses, square_on_null_space(divergence, jumps))
     first = [
         f[1] == 1 and np.abs(lowest(whole, f[2])).max() < 1e-9 for f in faces.values()
     ]
     places = [f[2] for f, there in zip(faces.values(), first, strict=True) if there]
     rows = np.repeat(first, N * N)
-    tractions = jumps[rows] @ complement(np.vstack([jumps[~rows], divergence]))
+    fixed = np.vstack([jumps[~rows], divergence])
+    tractions = square_on_null_space(jumps[rows], fixed)
     outside = largest_energy(tractions, without_moments(whole, places))
     C = sqrt(m)
     for _ in range(1000):
@@ -184,8 +188,8 @@ def lowest(whole, places):
     return 1 - ((places - whole[0]) @ np.linalg.inv(whole[1:] - whole[0])).sum(axis=1)
 
 
-def largest_inside(all_stresses, divergence):
-    """The numbers m and b."""
+def largest_inside(all_stresses, square):
+    """The numbers m and b, by the square of the divergence of stresses without jumps."""
     N, r = all_stresses[0].N, len(rotations(all_stresses[0].N))
     loads, rigid, b = [], [], 0.0
     for s in all_stresses:
@@ -205,7 +209,7 @@ def largest_inside(all_stresses, divergence):
         ]
         rigid.append(np.vstack([shifts, spins]))
     return largest_energy(
-        divergence, block_diag(*loads) @ null_space(np.hstack(rigid))
+        square, block_diag(*loads) @ null_space(np.hstack(rigid))
     ), b
 
 
