@@ -35,7 +35,7 @@ PERFECT = Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=Voce(4.0, 0.0, 1.0
 SAMPLE = {
     "discretisation/points.py:Points.integral total": "clamped",
     "discretisation/loads.py:Supports.pull summed": "springs",
-    "evolution/result.py:StepRecord.of maximum": "Coulomb",
+    "evolution/result.py:StepRecord.of maximum": "steps",
     "linalg/descent.py:conjugate_gradients dot": "clamped",
     "local/indicators.py:averaged summed": "clamped",
     "model/support.py:_agreed summed": "halves",
@@ -58,10 +58,16 @@ UNNOTICED = {
 
 
 def bodies(comm):
-    """Solids with each kind of contact and support; a plane one for several boundaries."""
+    """Solids with each kind of contact and support; a plane one for several boundaries.
+
+    Those of ``steps`` are solved for two steps, on a mesh before its refinement.
+    """
     whole = block.structured_mesh(2, 2, 2, simplices=True)
-    mesh = parts.distribute(whole if comm.rank == 0 else None, comm).refined()
-    free = Problem(mesh, METAL, contact="contact", gap=-0.03, order=1)
+    coarse = parts.distribute(whole if comm.rank == 0 else None, comm)
+    pressed = {"contact": "contact", "gap": -0.03, "order": 1}
+    yield "steps", Problem(coarse, METAL, friction=Coulomb(0.3), **pressed)
+    mesh = coarse.refined()
+    free = Problem(mesh, METAL, **pressed)
     yield "clamped", free
     yield "Tresca", replace(free, friction=1.0 + x)
     yield "Coulomb", replace(free, friction=Coulomb(0.3))
@@ -177,8 +183,8 @@ def numbers(result):
 
 
 def history(problem):
-    """Room -> the numbers of a short history."""
-    steps = [(1.0, {"gap": -0.03}), (2.0, {"gap": -0.02})]
+    """Room -> the numbers of a short history under an inclined plane, larger on one side."""
+    steps = [(1.0, {"gap": -0.03 * (1 + x)}), (2.0, {"gap": -0.02 * (1 + x)})]
     found = evolve(problem, steps, partial(solve, options=OPTIONS))
     names = (
         "contact_force",
@@ -206,7 +212,7 @@ def readings(comm, only=()):
         alone = r"Friction\b.*?\. "
         note = re.sub(alone, "", told.get("note", "") + " ").strip()
         found[name, "words"] = (told["status"], told["body"], note)
-        if name == "Coulomb":
+        if name == "steps":
             for room, values in history(problem).items():
                 found[name, room] = np.array(values, dtype=float)
     return found
@@ -238,14 +244,20 @@ def whole():
 
 
 def caller():
-    """Module, function and line of the package that called a method of ``Team``."""
+    """Module and function of the package that called a method of ``Team``."""
     frame = sys._getframe(2)
     while frame.f_code.co_filename.endswith("processes.py"):
         frame = frame.f_back
-    path = Path(frame.f_code.co_filename)
+    return place_of(frame.f_code)
+
+
+@cache
+def place_of(code):
+    """Module of the package and name of a function, None for one of another package."""
+    path = Path(code.co_filename)
     if not path.is_relative_to(PACKAGE):
         return None
-    return f"{path.relative_to(PACKAGE)}:{frame.f_code.co_qualname}"
+    return f"{path.relative_to(PACKAGE)}:{code.co_qualname}"
 
 
 LOCAL = {
@@ -303,7 +315,7 @@ def test_every_number_of_two_processes_is_that_of_one():
 
 def test_every_number_of_three_processes_is_that_of_one():
     """Of bodies with each kind of support, with friction and without, in the plane and in space."""
-    some = partial(readings, only=("springs", "Coulomb", "halves"))
+    some = partial(readings, only=("springs", "steps", "halves"))
     assert list(differences(whole(), run(3, some))) == []
 
 
