@@ -240,14 +240,14 @@ def test_dragging_is_live_in_the_browser(served):
         seen = tab.visit(served)
         tab.wait_for("document.body.dataset.ready === 'yes'")
         start = 10.0 / 12.0
-        tab.drag("input[name=load]", (start, 0.3), 60)
+        tab.drag("input[name=load]", (start, 0.3), 30)
         while_dragging = tab.evaluate(FRAMES)
         tab.wait_for(f"!{DRAWN}.busy")
         tab.settle()
         drawn = tab.evaluate(f"{DRAWN}.drawn")
         load = tab.evaluate("document.querySelector('input[name=load]').exact")
         assert while_dragging >= 5
-        assert tab.evaluate(FRAMES) < 62 * 2
+        assert tab.evaluate(FRAMES) < 32 * 2
         assert 3.0 < load < 4.3
         assert drawn["exact"]
         assert drawn["values"]["load"] == load

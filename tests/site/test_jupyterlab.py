@@ -103,7 +103,7 @@ def drag_and_check(tab, seen, here):
     errors = list(seen.errors)
     tab.evaluate("document.querySelector('.ngepc-lab').scrollIntoView(); 1")
     tab.settle()
-    tab.drag(".ngepc-lab input[name=load]", (10 / 12, 0.3), 40)
+    tab.drag(".ngepc-lab input[name=load]", (10 / 12, 0.3), 20)
     while_dragging = tab.evaluate(f"{STATE}.frames")
     tab.wait_for(f"!{STATE}.busy && {STATE}.wanted === null", 60)
     drawn = tab.evaluate(f"{STATE}.drawn")
