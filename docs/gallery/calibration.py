@@ -56,8 +56,8 @@ def main(out: Path, coarse: bool = False) -> str:
         "hardening", found.values["hardening"], TRUTH["hardening"], 0.15
     )
 
-    side = 3 if coarse else 5
-    degree = 2 if coarse else 3
+    side = 2 if coarse else 5
+    degree = 1 if coarse else 3
     ys, hs = np.geomspace(1.2, 6, side), np.geomspace(15, 250, side)
     table = np.array([[forces(yield_stress=y, hardening=h) for h in hs] for y in ys])
     values = [

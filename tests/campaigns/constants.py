@@ -126,7 +126,8 @@ class Stresses:
 def square_on_null_space(operator, rows):
     """A P A^T of an operator A, P the projection onto the null space of dependent rows.
 
-    With a Cholesky decomposition L L^T of B B^T, B being independent rows, P = 1 - (L^-1 B)^T L^-1 B.
+    With independent rows B and the Cholesky decomposition B B^T = L L^T
+    P = 1 - (L^-1 B)^T L^-1 B.
     """
     square = rows @ rows.T
     small = 1e-10 * square.diagonal().max()
@@ -208,9 +209,7 @@ def largest_inside(all_stresses, square):
             for w in rotations(N)
         ]
         rigid.append(np.vstack([shifts, spins]))
-    return largest_energy(
-        square, block_diag(*loads) @ null_space(np.hstack(rigid))
-    ), b
+    return largest_energy(square, block_diag(*loads) @ null_space(np.hstack(rigid))), b
 
 
 def without_moments(whole, places):

@@ -28,15 +28,16 @@ def outside(code: str, folder: Path) -> str:
     return run.stdout.strip()
 
 
-@pytest.mark.parametrize("name", sorted(set(ngepc.__all__) - {"__version__"}))
-def test_public_name_is_documented(name):
-    value = getattr(ngepc, name)
-    assert inspect.getdoc(value)
-    if inspect.isfunction(value):
-        signature = inspect.signature(value)
-        assert signature.return_annotation is not inspect.Signature.empty
-        for parameter in signature.parameters.values():
-            assert parameter.annotation is not inspect.Parameter.empty, parameter.name
+def test_public_names_are_documented():
+    for name in sorted(set(ngepc.__all__) - {"__version__"}):
+        value = getattr(ngepc, name)
+        assert inspect.getdoc(value), name
+        if inspect.isfunction(value):
+            signature = inspect.signature(value)
+            assert signature.return_annotation is not inspect.Signature.empty, name
+            for parameter in signature.parameters.values():
+                hint = parameter.annotation
+                assert hint is not inspect.Parameter.empty, (name, parameter.name)
 
 
 def test_unknown_name_is_an_attribute_error():
