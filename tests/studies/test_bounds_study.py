@@ -17,6 +17,7 @@ def test_the_table_has_adaptive_rows_and_the_pictures_are_written(
     tmp_path, monkeypatch
 ):
     monkeypatch.setattr(bounds, "TARGETS", TARGETS)
+    monkeypatch.setattr(bounds, "SOLIDS", bounds.SOLIDS | {"sphere": (55,)})
     monkeypatch.setattr(bounds, "PICTURED", (0.5, 0.4, 0.3, 0.2))
     work = bounds.Bounds(tmp_path, levels=1)
     records = work.run()
