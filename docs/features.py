@@ -60,8 +60,17 @@ problem has.
 """
 
 TAIL = """
-Bounds of order 2 in three dimensions do not cover friction. Bounds and brackets need coefficients
-that are constant on each element.
+A method may cover two features but not both at once. These pairs are refused, too:
+
+- Bounds and brackets in plane stress, and bounds with Hill's criterion or with sub-elements, need
+  `order=1`. Order 2 is the default.
+- Bounds of order 2 in three dimensions do not cover friction.
+- Receipts in three dimensions need `order=1`. They need obstacles that are affine on each facet
+  of the contact boundary.
+
+Bounds and brackets need coefficients that are constant on each element. "Guaranteed" means
+proved for data that are numbers, finite element functions or polynomials on each element; for
+other data the bound depends on samples, and `guaranteed` is False.
 
 This page is made by `python docs/features.py`, and a test compares it with the methods. Another
 test runs each method on a problem with each feature: the result agrees with an independent

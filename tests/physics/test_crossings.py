@@ -13,20 +13,24 @@ from ngsolve import Integrate, Mesh, dx
 from witness import distance_bound, dual_residual
 
 from ngepc import (
+    MeanDisplacement,
     Status,
     displacement_bracket,
     error_bound,
     error_indicators,
     export_vtu,
+    goal_bound,
     gradient,
     limit_load,
     plot_field,
     primal_newton,
     semismooth_newton,
     shakedown_load,
+    write_receipt,
 )
+from ngepc.bounds import check_receipt, goals, receipt
 from ngepc.bounds import coverage as bounds
-from ngepc.bounds import goals
+from ngepc.bounds import goal_bound as intervals
 from ngepc.dual import blocks
 from ngepc.limit import reading, shakedown
 from ngepc.local import indicators, solver
@@ -82,7 +86,11 @@ def distance(one, other):
 @cache
 def finer(feature):
     """The result of the witness with the edges of the mesh halved."""
-    problem = problem_of(feature)
+    return on_a_finer_mesh(problem_of(feature))
+
+
+def on_a_finer_mesh(problem):
+    """The result of the witness with the edges of the mesh halved."""
     mesh = Mesh(problem.mesh.ngmesh.Copy())
     mesh.Refine()
     return again(replace(problem, mesh=mesh))
@@ -126,16 +134,41 @@ def by_bound(feature, _):
     assert 0 < bound.energy - lower <= bound.total
 
 
+def moved_on_a_finer_mesh(feature):
+    """The integral of u_x over the side 'right', whose measure is one, on a finer mesh."""
+    u = finer(feature).displacement
+    mesh = u.space.mesh
+    side = mesh.Boundaries("right")
+    assert Integrate(1, mesh, definedon=side) == pytest.approx(1.0)
+    return Integrate(u[0], mesh, definedon=side)
+
+
 def by_bracket(feature, _):
     """The displacement on a finer mesh lies in the bracket."""
     problem = problem_of(feature)
     load = {"right": (1.0,) + (0.0,) * (problem.N - 1)}
     found = displacement_bracket(exact(feature), load)
-    u = finer(feature).displacement
-    side = problem.mesh.Boundaries("right")
-    value = Integrate(u[0], u.space.mesh, definedon=u.space.mesh.Boundaries("right"))
-    assert side.Mask().NumSet() == 1
-    assert found.lower <= value <= found.upper
+    assert found.lower <= moved_on_a_finer_mesh(feature) <= found.upper
+
+
+def by_goal(feature, _):
+    """The mean displacement on a finer mesh lies in the interval."""
+    found = goal_bound(exact(feature), MeanDisplacement("right", 0))
+    assert found.lower <= moved_on_a_finer_mesh(feature) <= found.upper
+
+
+def by_receipt(feature, folder):
+    """The checker accepts the file, and the energy on a finer mesh is in the interval."""
+    path = folder / "receipt.npz"
+    problem = problem_of(feature)
+    result = exact(feature)
+    if feature == "solid":  # its obstacle is not affine on facets
+        problem = replace(problem, gap=3e-4)
+        result = semismooth_newton(problem)
+    interval = write_receipt(result, path)
+    checked = check_receipt.check(path)
+    assert (checked["lower"], checked["upper"]) == interval
+    assert checked["lower"] < on_a_finer_mesh(problem).primal_energy < checked["upper"]
 
 
 def by_limit_load(feature, _):
@@ -224,6 +257,8 @@ METHODS = {
     "witness": (by_witness, energy.COVERS),
     "gamma": (by_regularisation, blocks.COVERS),
     "bound": (by_bound, bounds.COVERS),
+    "goal": (by_goal, intervals.COVERS),
+    "receipt": (by_receipt, receipt.COVERS),
     "bracket": (by_bracket, goals.COVERS),
     "limit load": (by_limit_load, reading.COVERS),
     "shakedown": (by_shakedown, shakedown.SHAKEDOWN_COVERS),
