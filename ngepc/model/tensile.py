@@ -88,8 +88,8 @@ def law_of_curve(
 ) -> HardeningLaw:
     """The law of a measured curve of (total strain, stress), straight between the points.
 
-    Points that are not above ``yield_stress`` are elastic and left out; without it the first point
-    beyond the origin is where the bar begins to yield.
+    Points below ``yield_stress`` are elastic and left out; without it the first point beyond the
+    origin is where the bar begins to yield.  A yield plateau, points at the same stress, is kept.
     """
     require_number("young with curve", young, 0, strict=True)
     require_sequence("curve", curve, "pairs (strain, stress)")
@@ -102,7 +102,7 @@ def law_of_curve(
     if R is None:
         R = _first_stress(curve, young, *points[0])
     R = require_number("yield_stress with curve", R, 0, strict=True)
-    later = list(dropwhile(lambda pair: pair[1] <= R, points))
+    later = _beyond_yielding(curve, young, points, R)
     table = [(0.0, R), *((strain - stress / young, stress) for strain, stress in later)]
     for (before, last), (plastic, stress) in pairwise(table):
         if not plastic > before:
@@ -118,6 +118,21 @@ def law_of_curve(
                 "never fall are needed (softening is not covered)"
             )
     return Tabulated(*(list(column) for column in zip(*table, strict=True)))
+
+
+def _beyond_yielding(
+    curve: object, young: float, points: Sequence[tuple[float, float]], R: float
+) -> list[tuple[float, float]]:
+    """The points that are neither elastic nor the one where the bar begins to yield."""
+    reached = list(dropwhile(lambda pair: pair[1] < R, points))
+    if not reached:
+        raise ValueError(
+            f"yield_stress={R:g}: the curve ends below it, at the stress "
+            f"{points[-1][1]:g} (curve={in_words(curve)})"
+        )
+    strain, stress = reached[0]
+    begins_to_yield = stress == R and strain - stress / young <= ELASTIC
+    return reached[1:] if begins_to_yield else reached
 
 
 def _pairs(curve: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -166,7 +181,8 @@ def plastic_data(
     if name == "curve":
         if share > 0:
             raise ValueError(
-                f"curve={in_words(value)}: kind='isotropic' is needed with a curve"
+                f"curve={in_words(value)}: kind='isotropic' is needed with a curve "
+                "(Material.cyclic takes the curve of cyclic loading)"
             )
         law = law_of_curve(young, value, yield_stress)
         return {"yield_stress": PEEQ * law.stress(0.0), "law": law}

@@ -115,6 +115,24 @@ def test_points_below_the_yield_stress_are_elastic():
     assert stress[[19, 39]] == pytest.approx([R, 280.0], rel=1e-10)
 
 
+PLATEAU = [(0.0, 0.0), (R / E, R), (0.02, R), (0.1, 300.0)]
+
+
+@pytest.mark.parametrize("yield_stress", [None, R])
+def test_a_yield_plateau_is_met(yield_stress):
+    """Mild steel flows at its yield stress, from 0.1 to 2 percent, before it hardens."""
+    metal = Material.metal(
+        young=E, poisson=NU, yield_stress=yield_stress, curve=PLATEAU
+    )
+    _, stress = bar(metal, 0.01, 0.02, 0.1, steps=20)
+    assert stress[19::20] == pytest.approx([R, R, 300.0], rel=1e-10)
+
+
+def test_cycles_have_no_plateau_before_hardening():
+    with pytest.raises(ValueError, match="it bends upwards at the stress 200"):
+        Material.cyclic(young=E, poisson=NU, curve=PLATEAU)
+
+
 def test_it_prints_as_it_was_given():
     metal = Material.metal(**ELASTIC, tangent_modulus=2000.0, kind="kinematic")
     assert repr(metal) == (
@@ -177,6 +195,10 @@ def test_linear_hardening_has_bounds():
         ({"curve": [(0.1, 300.0), (0.1, 350.0)]}, "increasing ones are needed"),
         ({"curve": [(0.1, 300.0, 1.0)]}, r"curve\[0\]"),
         ({"curve": [], "yield_stress": None}, "points beyond the origin"),
+        (
+            {"curve": [(0.0005, 104.0), (0.01, 180.0)]},
+            "yield_stress=200: the curve ends",
+        ),
     ],
 )
 def test_what_no_data_sheet_says_is_refused(changes, message):
