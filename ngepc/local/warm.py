@@ -7,6 +7,7 @@ then gives the next solution to first order, and Newton's method starts from it.
 
 from __future__ import annotations
 
+import numpy as np
 from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.contact_step import with_contact
@@ -50,14 +51,17 @@ class WarmSolver(RepeatedSolver):
     def predict(self, problem: Problem) -> ExactResult | None:
         """The first-order prediction from the last solution; None if the tangent does not fit.
 
-        It needs the same mesh, supports, contact boundary and friction.  The status is STOPPED, as
-        it is not a solution; see its residual.
+        It needs the same mesh, supports, prescribed displacements, contact boundary and friction.
+        The status is STOPPED, as it is not a solution; see its residual.
         """
         self._next = None
         if self.last is None or self._tangent is None:
             return None
         discrete = DiscreteProblem(problem, like=self._discrete)
         if discrete.stiffness is not self._discrete.stiffness:
+            return None
+        held = self._discrete.supports.values
+        if not np.array_equal(discrete.supports.values, held):
             return None
         before = self.last.state
         here = discrete.state(before.u, contact=before.contact)

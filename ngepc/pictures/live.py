@@ -39,6 +39,7 @@ from ngepc.pictures.views import (
     show,
     viewer_script,
 )
+from ngepc.results.outcome import Status
 
 SCRIPT = Path(__file__).with_name("live.js").read_text(encoding="utf-8")
 
@@ -80,8 +81,9 @@ def lab(
         traction or pressure (stress), else body force, else prescribed displacement (length); all
         loads keep their proportions.  'gap' is the distance to the obstacle (length) where that is
         one number, 'obstacle' moves obstacles of any shape away from the body (length).  Others
-        are the numbers of ``Problem`` and ``Material`` by their names: 'yield_stress',
-        'hardening', 'friction', ...
+        are numbers by their names: those given to ``Material.metal`` ('young', 'yield_stress',
+        'plastic_modulus', ...), else those of ``Material`` and ``Problem`` ('hardening',
+        'friction', ...).
 
     Returns
     -------
@@ -110,7 +112,8 @@ class Laboratory:
     """The laboratory of ``lab``; each solve starts from the last solution.
 
     ``frames(values)`` are the pictures for a position of the sliders as dictionaries that JSON can
-    hold: the prediction, if a solve is expected to take long, and the solution, which is ``last``.
+    hold: the prediction, if a solve is expected to take long, and the solution.  ``last`` is the
+    result of the last one, whatever its status.
     """
 
     problem: Problem
@@ -126,15 +129,11 @@ class Laboratory:
     seconds: float = 0.0  # of the last solve
     colours: ScalarMappable | None = field(default=None, repr=False)
     peak: float = 0.0  # the contact pressure that is drawn at full height
+    last: ExactResult | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         viewer_script()
         self.first = self._first()
-
-    @property
-    def last(self) -> ExactResult | None:
-        """The last solution."""
-        return self.solver.last
 
     @property
     def start(self) -> dict[str, float]:
@@ -174,6 +173,10 @@ class Laboratory:
             yield self._failed(str(error), values)
             return
         self.seconds = time.perf_counter() - begin
+        if result.status is Status.NONFINITE:
+            yield self._failed(described(result), values)
+            return
+        self.last = result
         yield self._frame(result, values, exact=True)
 
     def _first(self) -> dict:

@@ -12,6 +12,7 @@ from ngepc.checks.arguments import is_number, require_number, sample
 from ngepc.checks.sentences import in_words
 from ngepc.evolution.load_path import scaled
 from ngepc.model.data import moved_gap
+from ngepc.model.material import Material
 from ngepc.model.places import Roller, values_at
 from ngepc.model.problem import Problem
 
@@ -67,13 +68,12 @@ def current(problem: Problem, name: str, own: bool) -> float | None:
         if not problem.contact_names:
             raise ValueError("obstacle: the problem has no rigid obstacle")
         return 0.0
-    for owner in (problem, problem.material):
-        value = getattr(owner, name, None)
-        if name in field_names(owner) and is_number(value):
-            return float(value)
+    numbers = numbers_of(problem)
+    if name in numbers:
+        return numbers[name]
     if own:
         return None
-    legal = ["load", "obstacle", *numbers_of(problem)]
+    legal = ["load", "obstacle", *numbers]
     raise ValueError(
         f"{name}=...: the sliders of this problem are {', '.join(legal)}, and those that "
         "change= knows"
@@ -85,14 +85,34 @@ def field_names(owner: object) -> list[str]:
     return [f.name for f in fields(owner)]
 
 
-def numbers_of(problem: Problem) -> list[str]:
-    """Names of the fields of a problem and its material that are numbers."""
-    return [
-        name
-        for owner in (problem, problem.material)
-        for name in field_names(owner)
-        if is_number(getattr(owner, name)) and name != "order"
-    ]
+def numbers_of(problem: Problem) -> dict[str, float]:
+    """Numbers of a problem and its material by their names; a data sheet's before the others."""
+    sheet = data_sheet(problem.material)
+    numbers = fields_of(problem) | sheet | fields_of(problem.material) | sheet
+    return {name: value for name, value in numbers.items() if name != "order"}
+
+
+def fields_of(owner: object) -> dict[str, float]:
+    """The fields of a dataclass that are numbers."""
+    values = {name: getattr(owner, name) for name in field_names(owner)}
+    return {name: float(value) for name, value in values.items() if is_number(value)}
+
+
+def data_sheet(material: Material) -> dict[str, float]:
+    """The numbers of a tensile test that ``Material.metal`` was given; none with a curve."""
+    given = material.data_sheet
+    if "curve" in given:
+        return {}
+    return {name: float(value) for name, value in given.items() if is_number(value)}
+
+
+def material_with(material: Material, numbers: Mapping[str, float]) -> Material:
+    """A material with other numbers: those of its data sheet first, then its fields."""
+    sheet = {n: v for n, v in numbers.items() if n in data_sheet(material)}
+    others = {n: v for n, v in numbers.items() if n not in sheet}
+    if sheet:
+        material = Material.metal(**{**material.data_sheet, **sheet})
+    return replace(material, **others) if others else material
 
 
 def load_size(problem: Problem) -> float:
@@ -145,6 +165,6 @@ def changed(
         gap = changes.get("gap", problem.gap)
         changes["gap"] = moved_gap(gap, values["obstacle"])
     if material:
-        changes["material"] = replace(problem.material, **material)
+        changes["material"] = material_with(problem.material, material)
     moved = problem.changed(**changes) if changes else problem
     return change(moved, **own) if own else moved

@@ -41,6 +41,11 @@ def at(load, gap=0.1):
     return replace(body(), traction={"load": load / 10 * g}, gap=gap)
 
 
+def stretched(by):
+    """The body, whose upper side is moved instead of loaded."""
+    return replace(body(), prescribed={"load": (None, by)}, traction=None)
+
+
 CHANGES = {
     "load": lambda: (at(9.0), at(9.5)),
     "gap": lambda: (at(10.0, 0.1), at(10.0, 0.08)),
@@ -48,10 +53,8 @@ CHANGES = {
         body(),
         replace(body(), material=replace(body().material, hardening=80.0)),
     ),
-    "support": lambda: (
-        body(),
-        replace(body(), prescribed={"load": (None, 0.01)}, traction=None),
-    ),
+    "support": lambda: (body(), stretched(0.01)),
+    "prescribed": lambda: (stretched(0.01), stretched(0.02)),
 }
 
 
@@ -112,6 +115,29 @@ def test_obstacles_of_any_shape_and_prescribed_displacements_move():
     pulled = replace(bent, prescribed={"left": (-0.02, None)})
     assert load_size(pulled) == pytest.approx(0.02)
     assert changed(pulled, {"load": 0.01}, None).prescribed == {"left": (-0.01, None)}
+
+
+def test_sliders_of_a_metal_are_the_numbers_of_its_data_sheet():
+    sheet = {"young": 210e3, "poisson": 0.3, "yield_stress": 235.0}
+    metal = Material.metal(**sheet, plastic_modulus=2100.0)
+    bar = Problem(
+        block.structured_mesh(1, 1),
+        metal,
+        clamped=None,
+        prescribed={"left": (0, None), "clamped": (None, 0)},
+        traction={"right": (300.0, 0.0)},
+        kinematics="plane stress",
+    )
+    assert changed(bar, sheet | {"plastic_modulus": 2100.0}, None) is bar
+    moved = changed(bar, {"young": 200e3, "yield_stress": 250.0}, None)
+    assert moved.material.data_sheet == metal.data_sheet | {
+        "young": 200e3,
+        "yield_stress": 250.0,
+    }
+    strain = semismooth_newton(moved).strain(moved.mesh(0.5, 0.5))[0]
+    assert strain == pytest.approx(300 / 200e3 + 50 / 2100, rel=1e-9)
+    with pytest.raises(ValueError, match="young, poisson, yield_stress, plastic_mod"):
+        changed(bar, {"tangent_modulus": 1000.0}, None)
 
 
 def test_steps_are_round():
@@ -178,6 +204,23 @@ def test_what_cannot_be_solved_is_said_and_the_next_position_is_solved():
     assert "too large" in frame["said"]
     (*_, frame) = laboratory.frames({"radius": 0.5})
     assert frame["scene"] is not None
+
+
+@needs_viewer
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+def test_loads_beyond_the_limit_are_shown_with_their_status():
+    """Also at the start, where there is no solution yet, and where numbers overflow."""
+    perfect = Material.metal(
+        young=1e3, poisson=0.3, yield_stress=2.0, plastic_modulus=0.0
+    )
+    held = Problem(block.structured_mesh(3, 3), perfect, pressure={"right": 9.0})
+    laboratory = lab(held, load=(0.0, 1e300))
+    assert "limit load" in laboratory.first["said"]
+    assert laboratory.view()._repr_html_()
+    (*_, frame) = laboratory.frames({"load": 1e300})
+    json.dumps(frame, allow_nan=False)
+    (*_, frame) = laboratory.frames({"load": 0.1})
+    assert "converged" in frame["said"]
 
 
 def numbers(texts):
