@@ -13,11 +13,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap
 from ngsolve import CoefficientFunction
 
-from ngepc.checks.arguments import require_covering
+from ngepc.checks.arguments import boundary_names, require_covering
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping
 from ngepc.checks.sentences import in_words
-from ngepc.pictures.cutting import Part, part_of
+from ngepc.pictures.cutting import Part, elements_of, part_of
 from ngepc.pictures.sampling import Corners, Ends, colour_scale, visible
 from ngepc.results.fields import Fields, frobenius
 
@@ -143,6 +143,26 @@ def _drawable_pressure(source: object, fields: Fields, units: UnitNames) -> Draw
     return Drawable(pressure_on_boundary(source), label, "YlGnBu")
 
 
+def _require_touching(fields: Fields, part: Part) -> None:
+    """ValueError if the part has none of the boundaries on which the pressure is known."""
+    mesh = fields.problem.mesh
+    part = part.checked(mesh)
+    known = fields.problem.touching_names
+    if part.boundary is not None:
+        drawn = boundary_names("boundary", part.boundary, mesh)
+        touches = not set(drawn).isdisjoint(known)
+    elif part.body is not None:
+        everywhere = "|".join(map(re.escape, known))
+        touches = elements_of(mesh, part.body, everywhere).any()
+    else:
+        return
+    if not touches:
+        raise ValueError(
+            "field='contact_pressure': it is known on the contact boundary, the first one of "
+            f"two bodies: {', '.join(map(repr, known))}"
+        )
+
+
 def _component(
     field: str, coefficient: CoefficientFunction, letters: str, rank: int
 ) -> CoefficientFunction:
@@ -169,6 +189,9 @@ def on_one_scale(
 ) -> tuple[list[Drawable], list[Corners], ScalarMappable]:
     """The drawn coefficient of each source, its values, and colours for all of them."""
     what = [drawable(source, field, units) for source in sources]
+    if isinstance(field, str) and field == "contact_pressure":
+        for source in sources:
+            _require_touching(fields_of(source), part)
     pairs = zip(sources, what, strict=True)
     colormap = what[0].colormap
     corners = [

@@ -37,7 +37,8 @@ const shown = value => Number(Number(value).toPrecision(4)).toString();
 
 function ends(values) {
   const low = Math.min(...values), high = Math.max(...values);
-  return low === high ? [low - (Math.abs(low) || 1) / 2, high + (Math.abs(high) || 1) / 2] : [low, high];
+  if (low === high) return low === 0 ? [0, 1] : [low - Math.abs(low) / 2, high + Math.abs(high) / 2];
+  return [low, high];
 }
 
 function plot(svg, curve) {
@@ -64,6 +65,9 @@ function plot(svg, curve) {
   for (const line of curve.lines) {
     const path = line.map(([x, y], k) => `${k ? "L" : "M"}${X(x).toFixed(2)},${Y(level(y)).toFixed(2)}`);
     made("path", svg, { d: path.join(""), stroke: "#0072B2", "stroke-width": 1.6, fill: "none" });
+    if (line.length === 1) {
+      made("circle", svg, { cx: X(line[0][0]), cy: Y(level(line[0][1])), r: 2.5, fill: "#0072B2" });
+    }
   }
   if (curve.here) {
     const [x, y] = curve.here;

@@ -128,6 +128,7 @@ class Laboratory:
     moving: set[str] = field(default_factory=set, repr=False)
     seconds: float = 0.0  # of the last solve
     colours: ScalarMappable | None = field(default=None, repr=False)
+    scale: tuple[float, float] | None = None  # of the colours; None until values differ
     peak: float = 0.0  # the contact pressure that is drawn at full height
     last: ExactResult | None = field(default=None, init=False, repr=False)
 
@@ -229,16 +230,22 @@ class Laboratory:
         }
 
     def _widen(self, drawn: Drawable, samples: Corners) -> None:
-        """Extend the scale of colours if values are outside of it."""
+        """Extend the scale of colours if values are outside of it; one value has no scale."""
         limits = colour_scale(samples, symmetric=drawn.colormap == SIGNED)
         low = limits.vmin
         high = limits.vmax
-        if self.colours is not None:
-            old_low, old_high = self.colours.get_clim()
+        if np.ptp(samples.values) == 0:
+            low = high = float(samples.values.flat[0])
+            if self.scale is None:
+                self.colours = ScalarMappable(limits, drawn.colormap)
+                return
+        if self.scale is not None:
+            old_low, old_high = self.scale
             if old_low <= low and high <= old_high:
                 return
             low = old_low if low >= old_low else ROOM * low
             high = old_high if high <= old_high else ROOM * high
+        self.scale = low, high
         self.colours = ScalarMappable(Normalize(low, high), drawn.colormap)
 
     def _peak_of(self, result: ExactResult) -> float:

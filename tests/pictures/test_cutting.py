@@ -95,6 +95,12 @@ def test_one_of_two_bodies_and_its_inner_face():
     assert drawn.measures.sum() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("part", [{"boundary": "under"}, {"body": "lower"}])
+def test_the_second_face_of_two_bodies_has_no_pressure_of_its_own(part):
+    with pytest.raises(ValueError, match="the first one of two bodies: 'over'"):
+        plot_field(two_blocks(), "contact_pressure", **part)
+
+
 def test_what_is_no_part_is_refused():
     result = two_blocks()
     plane = semismooth_newton(lshape_problem(lshape.paper_mesh(113)))

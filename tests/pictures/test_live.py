@@ -18,7 +18,8 @@ from ngepc.local.choice import DIRECT
 from ngepc.local.warm import WarmSolver
 from ngepc.pictures import views
 from ngepc.pictures.drawable import drawable
-from ngepc.pictures.live import lab
+from ngepc.pictures.live import ROOM, lab
+from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.sliders import changed, load_size, round_step
 from ngepc.studies.large import indented_block
 
@@ -221,6 +222,18 @@ def test_loads_beyond_the_limit_are_shown_with_their_status():
     json.dumps(frame, allow_nan=False)
     (*_, frame) = laboratory.frames({"load": 0.1})
     assert "converged" in frame["said"]
+
+
+@needs_viewer
+def test_an_elastic_position_leaves_the_scale_of_colours_as_it_is():
+    """Play passes the load 0, where all plastic strains are 0."""
+    laboratory = lab(replace(body(), traction=at(0.1).traction), load=(0.0, 12.0))
+    for load in (10.0, 0.0, 10.0):
+        (*_, frame) = laboratory.frames({"load": load})
+    strain = laboratory.last.fields.equivalent_plastic_strain
+    peak = corners_of(laboratory.last.fields, strain).values.max()
+    assert frame["scene"]["funcmin"] == 0.0
+    assert 0.1 * peak < frame["scene"]["funcmax"] <= ROOM * peak
 
 
 def numbers(texts):
