@@ -87,18 +87,18 @@ def field_names(owner: object) -> list[str]:
 
 def numbers_of(problem: Problem) -> dict[str, float]:
     """Numbers of a problem and its material by their names; a data sheet's before the others."""
-    sheet = data_sheet(problem.material)
-    numbers = fields_of(problem) | sheet | fields_of(problem.material) | sheet
+    sheet = sheet_numbers(problem.material)
+    numbers = number_fields(problem) | sheet | number_fields(problem.material) | sheet
     return {name: value for name, value in numbers.items() if name != "order"}
 
 
-def fields_of(owner: object) -> dict[str, float]:
+def number_fields(owner: object) -> dict[str, float]:
     """The fields of a dataclass that are numbers."""
     values = {name: getattr(owner, name) for name in field_names(owner)}
     return {name: float(value) for name, value in values.items() if is_number(value)}
 
 
-def data_sheet(material: Material) -> dict[str, float]:
+def sheet_numbers(material: Material) -> dict[str, float]:
     """The numbers of a tensile test that ``Material.metal`` was given; none with a curve."""
     given = material.data_sheet
     if "curve" in given:
@@ -108,7 +108,7 @@ def data_sheet(material: Material) -> dict[str, float]:
 
 def material_with(material: Material, numbers: Mapping[str, float]) -> Material:
     """A material with other numbers: those of its data sheet first, then its fields."""
-    sheet = {n: v for n, v in numbers.items() if n in data_sheet(material)}
+    sheet = {n: v for n, v in numbers.items() if n in sheet_numbers(material)}
     others = {n: v for n, v in numbers.items() if n not in sheet}
     if sheet:
         material = Material.metal(**{**material.data_sheet, **sheet})
