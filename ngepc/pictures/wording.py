@@ -151,7 +151,10 @@ def describe_material(
     """
     stress = unit_of(units, "stress")
     if material.data_sheet:
-        return [_given(name, v, units) for name, v in material.data_sheet.items()]
+        rows = [_given(name, v, units) for name, v in material.data_sheet.items()]
+        if material.overlay is not None:
+            return [*rows, row("hardening", f"cyclic, {_layers(material)}")]
+        return rows
     lame_lambda = material.lame_lambda
     lame_mu = material.lame_mu
     rows = [
@@ -177,7 +180,7 @@ def describe_material(
     if material.law is not None:
         rows.append(row("hardening law", said_law(material.law)))
     elif material.overlay is not None:
-        rows.append(row("hardening", f"{material.overlay.count} sub-elements"))
+        rows.append(row("hardening", _layers(material)))
     elif len(zero) == len(others):
         rows.append(row("hardening", "none: perfectly plastic"))
     if material.hill is not None:
@@ -187,13 +190,18 @@ def describe_material(
     return rows
 
 
+def _layers(material: Material) -> str:
+    """How many sub-elements a cyclic material has."""
+    return f"{material.overlay.count} sub-elements"
+
+
 def _given(name: str, value: object, units: UnitNames) -> dict[str, object]:
     if name == "curve":
         stress = unit_of(units, "stress")
         strains = [strain for strain, _ in value]
         ends = f"from {number(value[0][1], stress)} to {number(value[-1][1], stress)}"
         text = f"{len(value)} points, {ends}, strains up to {number(strains[-1])}"
-        return row("stress-strain curve of a tensile test", text)
+        return row("stress-strain curve", text)
     if name == "rate":
         return row(RATE, said_law(value))
     if name == "hill":

@@ -92,7 +92,11 @@ def test_reports_name_rates_anisotropy_and_sub_elements():
     assert said["anisotropic yield"].startswith("Hill, F 0.4, G 0.5")
 
     curve = [(0.001, 200.0), (0.003, 300.0), (0.01, 400.0)]
-    overlay = Material.cyclic(**given, curve=curve).overlay
+    cyclic = Material.cyclic(**given, curve=curve)
+    said = {row["quantity"]: row["value"] for row in describe_material(cyclic)}
+    assert said["hardening"] == "cyclic, 3 sub-elements"
+    assert said["stress-strain curve"].startswith("3 points, from 200 to 400")
+    overlay = cyclic.overlay
     layers = Material(
         lame_lambda=1e5, lame_mu=8e4, yield_stress=overlay.bounds[0], overlay=overlay
     )
