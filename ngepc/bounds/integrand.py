@@ -19,16 +19,15 @@ import numpy as np
 from ngepc.bounds.adjoint import Adjoint
 from ngepc.bounds.bound import ErrorBound
 from ngepc.bounds.conjugate import R6
+from ngepc.bounds.cutting import potential_integrals
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.polynomials import (
     NODES,
     RULE,
-    SPLIT,
     TO_NODES,
     WEIGHTS,
     coefficients,
     square_integrals,
-    worth_keeping,
 )
 from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots
 from ngepc.bounds.supremum_of_laws import NonlinearLaw
@@ -36,28 +35,6 @@ from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
 from ngepc.discretisation.law import Law
 from ngepc.local.system import State
 
-SPLITS = {3: 3, 4: 2}
-"""Largest number of levels of cutting, by the number of vertices of a part."""
-WORTH = 0.05
-"""Parts are cut until the possible gain is this fraction of the integrals."""
-
-
-MIDDLE = {}
-CHILDREN = {}
-"""Edge midpoints of a part (barycentric), and the nodes that are corners of its children."""
-for _k in (3, 4):
-    _first, _second = np.triu_indices(_k, 1)
-    MIDDLE[_k] = (np.eye(_k)[_first] + np.eye(_k)[_second]) / 2
-    _nodes = np.concatenate([np.eye(_k), MIDDLE[_k]])
-    _apart = np.abs(SPLIT[_k][:, :, None] - _nodes).sum(axis=3)
-    CHILDREN[_k] = _apart.argmin(axis=2)
-MIDDLE_WEIGHTS = {3: np.full(3, 1 / 3), 4: np.full(6, 1 / 5)}
-CORNER_WEIGHTS = {3: np.zeros(3), 4: np.full(4, -1 / 20)}
-"""Weights of rules of degree two at the middles of the edges and at the corners."""
-
-
-NEGLIGIBLE = 0.2
-"""Part of that which parts may contribute that are not looked at any further."""
 SAMPLED = 1000
 """Cells on which integrals for the choice of lambda are computed; the rest is known from others."""
 
@@ -80,51 +57,15 @@ class Side:
     def estimate(self) -> np.ndarray:
         """Integrals over the parts by a rule, (parts,)."""
         k = self.pulled.shape[1]
-        found, _ = self.law.potential(np.matmul(RULE[k], self.pulled), self.w)
+        found = self.law.potential(np.matmul(RULE[k], self.pulled), self.w)
         return self.volume * (found @ WEIGHTS[k]) + self.rest
 
     def bounds(self, count: int) -> np.ndarray:
         """Integrals over ``count`` cells from above."""
-        corners, inside = self.law.potential(self.pulled, self.w)
-        smooth = inside.all(axis=1)
-        exact = self.law.quadratic(self.pulled, self.w, self.volume)
-        bound = np.where(smooth, exact, self.volume * corners.mean(axis=1))
-        whole = np.maximum(bound + self.rest, 0.0)
-        few = worth_keeping(whole, NEGLIGIBLE * WORTH * float(whole.sum()))
-        left = ~smooth & ~few
-        known = self.rest + np.where(left, 0.0, bound)
-        result = np.bincount(self.cell, known, minlength=count)
-
-        k = self.pulled.shape[1]
-        pulled = self.pulled[left]
-        w = self.w[left]
-        law = self.law.of_points(left)
-        volume = self.volume[left]
-        cell = self.cell[left]
-        corners = corners[left]
-        for level in range(SPLITS[k] + 1):
-            middles, _ = law.potential(MIDDLE[k] @ pulled, w)
-            estimate = middles @ MIDDLE_WEIGHTS[k] + corners @ CORNER_WEIGHTS[k]
-            estimate = volume * estimate
-            bound = volume * corners.mean(axis=1)
-            total = float(result.sum() + estimate.sum())
-            kept = worth_keeping(bound - estimate, WORTH * total)
-            if level == SPLITS[k]:
-                kept[:] = True
-            result += np.bincount(cell[kept], bound[kept], minlength=count)
-            if kept.all():
-                break
-            cut = ~kept
-            parts = len(SPLIT[k])
-            nodes = np.concatenate([corners[cut], middles[cut]], axis=1)
-            corners = nodes[:, CHILDREN[k]].reshape(-1, k)
-            children = SPLIT[k] @ pulled[cut][:, None]
-            pulled = children.reshape(-1, *pulled.shape[1:])
-            w = np.repeat(w[cut], parts, axis=0)
-            law = law.of_points(cut).repeated(parts)
-            volume = np.repeat(volume[cut] / parts, parts)
-            cell = np.repeat(cell[cut], parts)
-        return np.maximum(result, 0.0)
+        rest = np.bincount(self.cell, self.rest, minlength=count)
+        parts = self.volume, self.cell
+        found = potential_integrals(self.law, self.pulled, self.w, parts, rest)
+        return np.maximum(found, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

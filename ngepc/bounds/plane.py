@@ -171,18 +171,17 @@ class AirySearch:
         self,
         functional: StressFunctional,
         z: np.ndarray,
-        rest: float,
+        missed: float,
         gain: float,
         steps: int,
-    ) -> np.ndarray:
-        """Stresses (nt, points, 3) with a smaller value of a functional of this compliance.
+    ) -> tuple[np.ndarray, float]:
+        """Stresses (nt, points, 3) with a smaller ``missed_energy``, and this energy.
 
-        The search begins at ``z``; ``rest`` is the bound without the functional.
+        The functional has this compliance; the search begins at ``z``, which has ``missed``.
         """
-        model = SecondOrderModel(functional, z)
-        value, right = model.linearised(z)
-        x, _ = self.system.solve(right, rest + value, gain, steps)
-        return z + functional.space.stress(x)
+        _, right = SecondOrderModel(functional, z).linearised(z)
+        x, left = self.system.solve(right, missed, gain, steps)
+        return z + functional.space.stress(x), left
 
 
 def tightened(
@@ -334,14 +333,12 @@ class PlaneBoundData(BoundData):
         stress = self.answer(tangent, near)
         strain = self.discrete.points.strain(z)
         at_points = stress_coordinates(*strain, 0.0)
-        wanted = stress_coordinates(*tangent.moduli.stress(*strain))
-        work = np.einsum("pc,pc->p", wanted, at_points)
-        rest = self.discrete.points.integral(work) / 2
         quadratic = TangentCompliance(search.compliance)
         functional = StressFunctional(self.space, quadratic, self.on_parts(at_points))
         tau = self.admissible(stress, moments)
-        tau = search.tightened(functional, tau, rest, ADJOINT_GAIN, MOST_STEPS)
-        return self.space.at_nodes(tau), missed_energy(functional, quadratic, tau)
+        missed = missed_energy(functional, quadratic, tau)
+        tau, left = search.tightened(functional, tau, missed, ADJOINT_GAIN, MOST_STEPS)
+        return self.space.at_nodes(tau), left
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).

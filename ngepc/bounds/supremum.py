@@ -43,6 +43,7 @@ import numpy as np
 
 from ngepc.bounds.polynomials import portions, square_integrals
 from ngepc.bounds.simplices import sliced
+from ngepc.bounds.yielding import YieldLaw, dots, products, yielding_means
 from ngepc.discretisation.resistance import Resistance
 
 ANGLES = 12
@@ -111,11 +112,6 @@ def mean_part(
     return pulled**2 / (4 * factor * at.bulk)
 
 
-def dots(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Products of vectors, (..., d) and (..., d) to (...)."""
-    return np.einsum("...d,...d->...", a, b)
-
-
 @dataclass(frozen=True, eq=False)
 class ScaledLaw:
     """The numbers of the law and of lambda on which Phi depends, arrays (n,).
@@ -149,15 +145,29 @@ class ScaledLaw:
         """Those of each point so many times."""
         return ScaledLaw(*(np.repeat(value, count) for value in vars(self).values()))
 
-    def potential(self, pulled: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, ...]:
+    def elastic(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Where nothing may yield, for coefficients on parts (d, k, n) and (d, ., n), (n,)."""
+        y = pulled + w
+        v = y - self.share * w
+        inside = products(y, y).max(axis=0) <= (2 * self.inner * self.beta) ** 2
+        least = self.start + 2 * self.square * self.beta
+        return inside & (products(v, v).max(axis=0) <= least**2)
+
+    def yielding_means(
+        self, pulled: np.ndarray, w: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Means of Phi over parts that yield: bounds and estimates, see ``yielding``, (n,)."""
+        y = pulled + w
+        v = y - self.share * w
+        return yielding_means(YieldLaw(self.beta, self.inner, 1 - self.share), y, v)
+
+    def potential(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
         """No less than Phi for q/(2 mu_2) and w at points of parts, (n, k, d) or (n, 1, d).
 
-        The numbers of the law are those of the parts.  Values and where nothing may yield, (n, k):
-        there Phi is the quadratic |y|^2 2 mu_2/(4 lambda).
+        The numbers of the law are those of the parts.
         """
         count, k = pulled.shape[:2]
         found = np.empty((count, k))
-        smooth = np.empty((count, k), dtype=bool)
         for part in portions(count, 10_000 // k):
             own = w[part]
             share = self.share[part, None, None]
@@ -167,10 +177,8 @@ class ScaledLaw:
             w_square = np.broadcast_to(dots(own, own), both.shape)
             law = self.of_points(part).repeated(k)
             products = (values.ravel() for values in (v_square, both, w_square))
-            value, inside = law.of_products(*products)
-            found[part] = value.reshape(-1, k)
-            smooth[part] = inside.reshape(-1, k)
-        return found, smooth
+            found[part] = law.of_products(*products).reshape(-1, k)
+        return found
 
     def quadratic(
         self, pulled: np.ndarray, w: np.ndarray, volume: np.ndarray
@@ -180,15 +188,14 @@ class ScaledLaw:
 
     def of_products(
         self, v_square: np.ndarray, both: np.ndarray, w_square: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> np.ndarray:
         """The same for |v|^2, v : w and |w|^2, (n,)."""
         share = self.share
         y_square = v_square + share * (2 * both + share * w_square)
-        best, inside = self._in_the_ball(np.maximum(y_square, 0.0))
+        best = self._in_the_ball(np.maximum(y_square, 0.0))
         least = self.start + 2 * self.square * self.beta
         size = np.sqrt(v_square)
-        possible = size > least
-        there = np.flatnonzero(possible)
+        there = np.flatnonzero(size > least)
         if len(there):
             v = size[there]
             length = np.sqrt(w_square[there])
@@ -202,15 +209,15 @@ class ScaledLaw:
                 np.clip(cosine, -1.0, 1.0),
             )
             best[there] = np.maximum(best[there], arc.largest())
-        return best, inside & ~possible
+        return best
 
-    def _in_the_ball(self, y_square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The supremum over |t| <= beta for |y|^2, and whether its t is inside."""
+    def _in_the_ball(self, y_square: np.ndarray) -> np.ndarray:
+        """The supremum over |t| <= beta for |y|^2."""
         size = np.sqrt(y_square)
         inside = size <= 2 * self.inner * self.beta
         free = y_square / (4 * self.inner)
         kept = self.beta * (size - self.inner * self.beta)
-        return np.where(inside, free, kept), inside
+        return np.where(inside, free, kept)
 
 
 class Arc:

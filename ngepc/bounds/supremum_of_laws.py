@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.bounds.polynomials import portions, square_integrals
-from ngepc.bounds.supremum import dots
+from ngepc.bounds.yielding import dots, products
 from ngepc.discretisation.resistance import Resistance
 
 ROUNDS = 40
@@ -66,37 +66,50 @@ class NonlinearLaw:
         """Integrals of Phi where nothing may yield, from coefficients on parts, (n,)."""
         return square_integrals(pulled + w, volume) * self.two_mu / (4 * self.factor)
 
-    def potential(self, pulled: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, ...]:
+    def elastic(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Where nothing may yield, for coefficients on parts, see ``ScaledLaw.elastic``."""
+        y = pulled + w
+        reached = self.factor / self.two_mu * self.resistance.beta
+        inside = products(y, y).max(axis=0) <= (2 * reached) ** 2
+        # beyond the ball N falls with rho for every direction
+        p_square = products(pulled, pulled).max(axis=0)
+        w_square = products(w, w).max(axis=0)
+        return inside & (np.maximum(p_square, w_square) <= reached**2)
+
+    def yielding_means(
+        self, pulled: np.ndarray, w: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """There are no means for nonlinear laws: infinite, see ``ScaledLaw.yielding_means``."""
+        none = np.full(pulled.shape[2], np.inf)
+        return none, none
+
+    def potential(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
         """No less than Phi for p and w at points of parts, see ``ScaledLaw.potential``."""
         count, k = pulled.shape[:2]
         found = np.empty((count, k))
-        smooth = np.empty((count, k), dtype=bool)
         for part in portions(count, 10_000 // k):
             p = pulled[part]
             products = [dots(p, p), dots(p, w[part]), dots(w[part], w[part])]
             products = [np.broadcast_to(v, p.shape[:2]).ravel() for v in products]
-            value, inside = self.of_points(part).repeated(k).of_products(*products)
-            found[part] = value.reshape(-1, k)
-            smooth[part] = inside.reshape(-1, k)
-        return found, smooth
+            law = self.of_points(part).repeated(k)
+            found[part] = law.of_products(*products).reshape(-1, k)
+        return found
 
     def of_products(
         self, p_square: np.ndarray, both: np.ndarray, w_square: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> np.ndarray:
         """The same for |p|^2, p : w and |w|^2, (n,)."""
         beta = np.broadcast_to(self.resistance.beta, p_square.shape)
         c = self.factor / self.two_mu
         y = np.sqrt(np.maximum(p_square + 2 * both + w_square, 0.0))
         inside = y <= 2 * c * beta
         best = np.where(inside, y**2 / (4 * c), beta * (y - c * beta))
-        # beyond the ball N falls with rho for every direction
-        elastic = np.maximum(p_square, w_square) <= (c * beta) ** 2
-        there = np.flatnonzero(~elastic)
+        there = np.flatnonzero(np.maximum(p_square, w_square) > (c * beta) ** 2)
         if len(there):
             products = (v[there] for v in (p_square, both, w_square))
             search = CurveSearch(self.of_points(there), *products)
             best[there] = search.largest(best[there])
-        return best, inside & elastic
+        return best
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ngepc.bounds.polynomials import RULE, SPLIT, WEIGHTS, worth_keeping
+from ngepc.bounds.cutting import on_child_parts, potential_integrals
+from ngepc.bounds.polynomials import RULE, SPLIT, WEIGHTS
 from ngepc.bounds.supremum import (
     PointData,
     ScaledLaw,
@@ -29,10 +30,6 @@ from ngepc.bounds.supremum import (
 from ngepc.bounds.supremum_of_laws import NonlinearLaw
 from ngepc.discretisation.resistance import Resistance
 
-SPLITS = {4: 2, 6: 3}
-"""Most levels of cutting, by the number of coefficients on a part."""
-WORTH = {4: 0.05, 6: 0.1}
-"""What bounds may exceed the integrals by, as a part of them."""
 NAMES = ("tau", "sigma", "volume", "trial", "back", "trace", "strain")
 
 
@@ -184,7 +181,7 @@ def scaled_law(data: VaryingData, factor: float) -> ScaledLaw | NonlinearLaw:
 def estimated_integrals(data: VaryingData, factor: float) -> np.ndarray:
     """The integrals of the supremum over the parts by a rule."""
     rest, pulled, w = _at_rule(data, factor)
-    found, _ = scaled_law(data, factor).potential(pulled, w)
+    found = scaled_law(data, factor).potential(pulled, w)
     return data.size * (found @ WEIGHTS[data.k]) + rest
 
 
@@ -193,41 +190,8 @@ def integrals(data: VaryingData, factor: float, count: int) -> np.ndarray:
 
     For the integral of eps(z) : s(eps_h) they use the rule of ``RULE``.
     """
-    k = data.k
-    rest, pulled, w = _at_rule(data, factor)
-    result = np.bincount(data.owner, rest, minlength=count)
+    rest, *_ = _at_rule(data, factor)
+    rest = np.bincount(data.owner, rest, minlength=count)
+    pulled, w = data.at(np.eye(data.k)).pulled(factor)
     law = scaled_law(data, factor)
-    at_rule, _ = law.potential(pulled, w)
-    estimate = data.size * (at_rule @ WEIGHTS[k])
-    total = float(result.sum() + estimate.sum())
-
-    pulled, w = data.at(np.eye(k)).pulled(factor)
-    volume = data.size
-    owner = data.owner
-    for level in range(SPLITS[k] + 1):
-        found, smooth = law.potential(pulled, w)
-        bound = volume * found.mean(axis=1)
-        bound = np.where(smooth.all(axis=1), estimate, bound)
-        kept = worth_keeping(bound - estimate, WORTH[k] * total)
-        if level == SPLITS[k]:
-            kept[:] = True
-        result += np.bincount(owner[kept], bound[kept], minlength=count)
-        if kept.all():
-            break
-        cut = ~kept
-        parts = len(SPLIT[k])
-        pulled = on_child_parts(pulled[cut])
-        w = on_child_parts(w[cut])
-        law = law.of_points(cut).repeated(parts)
-        volume = np.repeat(volume[cut] / parts, parts)
-        owner = np.repeat(owner[cut], parts)
-        at_rule, _ = law.potential(RULE[k] @ pulled, RULE[k] @ w)
-        estimate = volume * (at_rule @ WEIGHTS[k])
-    return result
-
-
-def on_child_parts(values: np.ndarray) -> np.ndarray:
-    """Coefficients on the children of parts (parts, k, c)."""
-    k = values.shape[1]
-    table = SPLIT[k].reshape(-1, k)
-    return np.matmul(table, values).reshape(-1, k, values.shape[2])
+    return potential_integrals(law, pulled, w, (data.size, data.owner), rest)

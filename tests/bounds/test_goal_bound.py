@@ -94,7 +94,7 @@ def suprema(at, tau, sigma, strain, factor):
     q = tau.deviator + factor * (sigma.deviator - at.back)
     w = factor / two_mu * at.trial - strain.deviator
     law = ScaledLaw.of(at.two_mu, at.hardening, at.beta, factor)
-    found, _ = law.potential((q / two_mu)[:, None], w[:, None])
+    found = law.potential((q / two_mu)[:, None], w[:, None])
     found = found[:, 0] - dots(q, at.trial) / at.two_mu
     found = found + dots(at.stress - at.back, strain.deviator)
     return found + mean_part(at, tau, sigma, strain, factor)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from ngepc.bounds.supremum import Arc, ScaledLaw
+from ngepc.bounds.yielding import by_components
 
 
 @pytest.fixture
@@ -66,7 +67,7 @@ def test_the_potential_is_a_supremum_of_affine_functions(d):
     factor = 1.7
     law = ScaledLaw.of(two_mu, hardening, beta, factor)
     pulled, w = random.normal(size=(2, n, 3, d))
-    found, smooth = law.potential(pulled, w)
+    found = law.potential(pulled, w)
     size = np.sqrt((pulled**2).sum(axis=2)) + np.sqrt((w**2).sum(axis=2))
 
     best = np.full((n, 3), -np.inf)
@@ -83,6 +84,12 @@ def test_the_potential_is_a_supremum_of_affine_functions(d):
     assert (best <= found + 1e-12 * size).all()
     assert np.median(best / found) > 0.7
 
-    middle, _ = law.potential(pulled.mean(axis=1)[:, None], w.mean(axis=1)[:, None])
+    middle = law.potential(pulled.mean(axis=1)[:, None], w.mean(axis=1)[:, None])
     assert (middle[:, 0] <= found.mean(axis=1) * (1 + 1e-4)).all()
-    assert 0.0 < smooth.mean() < 1.0
+
+    points = pulled.reshape(-1, 1, d), w.reshape(-1, 1, d)
+    law = law.repeated(3)
+    elastic = law.elastic(*map(by_components, points))
+    exact = law.quadratic(*points, 1.0)
+    np.testing.assert_allclose(found.ravel()[elastic], exact[elastic])
+    assert 0.0 < elastic.mean() < 1.0
