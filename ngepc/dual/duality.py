@@ -119,17 +119,19 @@ def duality_report(result: DualResult) -> DualityReport:
 def _contact(result: DualResult) -> dict[str, float]:
     problem = result.problem
     z = result.normal_stress
-    n = result.problem.normal
+    n = problem.normal
     rules = boundary_rules(problem.N, POINTS)
     measure = ds(definedon=result.functional.blocks.contact, intrules=rules)
     overlap = result.displacement * n - problem.psi
-    traction = BoundaryFromVolumeCF(result.stress) * n
-    normal = InnerProduct(traction, n)
+    across = [0.0] * (problem.kinematics.size - problem.N)
+    normal_of_tensors = CF((*n, *across))
+    traction = BoundaryFromVolumeCF(result.stress) * normal_of_tensors
+    normal = InnerProduct(traction, normal_of_tensors)
     product = z * overlap
     fields = {
         "tension": IfPos(z, z, 0),
         "penetration": IfPos(overlap, overlap, 0),
-        "shear": traction - normal * n,
+        "shear": traction - normal * normal_of_tensors,
         "normal_stress": normal,
         "normal_stress_deviation": z - normal,
     }

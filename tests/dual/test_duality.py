@@ -1,16 +1,17 @@
 """J(y_gamma) + J*_gamma and its parts; (3.8), (3.9); contact conditions (2.10) to (2.13)."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import flat_problem
-from ngsolve import CF
+from ngsolve import CF, BoundaryFromVolumeCF, Integrate, ds
 
 from ngepc import (
     Coupled,
     Material,
     PathOptions,
+    Problem,
     duality_report,
     follow_path,
     lshape_problem,
@@ -77,21 +78,37 @@ def test_parts_add_up_with_initial_conditions_and_both_hardenings():
     assert report.yield_deviation < report.deviatoric_stress
 
 
-def test_parts_add_up_in_three_dimensions():
+@pytest.mark.parametrize("N", [2, 3])
+def test_parts_add_up_with_tensors_in_space(N):
+    """Solids, and plane strain, where the normal has fewer components than the stress."""
+    mesh = block.structured_mesh(3, 3, simplices=True) if N == 2 else block.mesh(0.5)
+    force = (2.0, 1.0) if N == 2 else (0, 0, 4.0)
     material = Material.kinematic(
         lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
     )
-    problem = flat_problem(
-        block.mesh(0.5),
+    problem = Problem(
+        mesh,
         material,
         "clamped",
-        {"right": (0, 0, 4.0)},
+        {"right": force},
         contact="contact",
-        gap=0.001,
+        gap=0.0005,
+        order=1,
     )
-    report = duality_report(semismooth_newton(problem, 1e2))
+    result = semismooth_newton(problem, 1e2)
+    report = duality_report(result)
     assert_parts_add_up(report)
     assert report.mean_stress_deviation < 1e-9 * report.deviatoric_stress
+
+    # The contact boundary is the plane with the largest last coordinate.
+    stress = BoundaryFromVolumeCF(result.stress)
+    on_contact = ds("contact")
+    normal = stress[N - 1, N - 1]
+    shears = [stress[axis, N - 1] for axis in range(N - 1)]
+    squares = {"normal_stress": normal**2, "shear": sum(shear**2 for shear in shears)}
+    for name, square in squares.items():
+        expected = math.sqrt(Integrate(square * on_contact, mesh))
+        assert getattr(report, name) == pytest.approx(expected, rel=1e-12)
 
 
 def test_regularised_energies_approach_each_other(contact_path):
