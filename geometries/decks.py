@@ -95,8 +95,13 @@ def read_deck(path: Path) -> Deck:
     return _Reader(list(_cards(path))).deck()
 
 
-def _cards(path: Path) -> Iterator[Card]:
-    """The cards of a deck and of the files that it includes."""
+def _cards(path: Path, including: tuple[Path, ...] = ()) -> Iterator[Card]:
+    """The cards of a deck and of the files that it includes.
+
+    ``including`` are the files on the way from the deck to this one.
+    """
+    if path in including:
+        raise ValueError(f"{path} includes itself")
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     lines = [line.strip() for line in lines if line.strip()]
     lines = [line for line in lines if not line.startswith("**")]
@@ -119,10 +124,10 @@ def _cards(path: Path) -> Iterator[Card]:
         card = _card(line)
         source = card.parameters.get("INPUT")
         if source and card.keyword == "INCLUDE":
-            yield from _cards(path.parent / source.strip("\"'"))
+            yield from _cards(_included(path, source), (*including, path))
             card = None
         elif source and card.keyword in ("NODE", "ELEMENT"):
-            text = (path.parent / source.strip("\"'")).read_text(errors="replace")
+            text = _included(path, source).read_text(errors="replace")
             card.rows.extend(
                 [entry.strip() for entry in row.split(",")]
                 for row in text.splitlines()
@@ -130,6 +135,14 @@ def _cards(path: Path) -> Iterator[Card]:
             )
     if card is not None:
         yield card
+
+
+def _included(path: Path, source: str) -> Path:
+    """The file that a deck names with INPUT=, beside the deck unless its path is absolute."""
+    found = path.parent / source.strip("\"'")
+    if not found.is_file():
+        raise FileNotFoundError(f"{path} needs {found}: there is no such file")
+    return found
 
 
 def _is_data(line: str) -> bool:

@@ -127,7 +127,7 @@ def mesh(source: object) -> Mesh:
     body = [g._replace(cells=oriented(g.cells, points, N)) for g in body]
     _require_once("cells", [facet_wide(g.cells) for g in body])
     sides = _Sides(body, N)
-    sides.add_named([g for g in groups if g.dimension == N - 1 and g.name])
+    sides.add_named([g for g in groups if g.dimension == N - 1])
     sides.add_sets(getattr(source, "point_sets", None) or {}, len(points))
     notes += sides.notes
     named = any(group.name for group in groups) or bool(sides.named)
@@ -239,6 +239,17 @@ def _by_set(source: object, number: int) -> Iterator[tuple[str, np.ndarray]]:
             yield label, inside
 
 
+def _checked_members(label: str, members: np.ndarray, count: int) -> np.ndarray:
+    """The points of a set, all of them there."""
+    points = np.asarray(members, dtype=int)
+    wrong = points[(points < 0) | (points >= count)]
+    if len(wrong):
+        raise ValueError(
+            f"source.point_sets[{label!r}] has point {wrong[0]}: 0 to {count - 1} are needed"
+        )
+    return points
+
+
 def facet_wide(cells: np.ndarray) -> np.ndarray:
     """Sorted corners of cells, shape (k, 8), -1 before those with fewer."""
     rows = np.full((len(cells), 8), -1)
@@ -275,7 +286,10 @@ class _Sides:
         self.numbers = {row.tobytes(): k for k, row in enumerate(self.rows)}
 
     def add_named(self, groups: list[Group]) -> None:
-        """Facets that the source has as cells; those of no element of the body are dropped."""
+        """Facets that the source has as cells; those of no element of the body are dropped.
+
+        Facets without a name keep the name that they have or get later.
+        """
         dropped: Counter[str] = Counter()
         for group in groups:
             at = [
@@ -283,11 +297,13 @@ class _Sides:
             ]
             found = np.array(at, dtype=int)
             dropped[group.name] += int((found < 0).sum())
-            self._give(group.name, found[found >= 0])
+            if group.name:
+                self._give(group.name, found[found >= 0])
         for label, count in dropped.items():
             if count:
+                which = f"of {label!r}" if label else "without a name"
                 self.notes.append(
-                    f"has {count} facets of {label!r} that no element of the body has: "
+                    f"has {count} facets {which} that no element of the body has: "
                     "they are left out"
                 )
 
@@ -297,7 +313,7 @@ class _Sides:
         chosen = {}
         for label, members in sets.items():
             inside = np.zeros(count + 1, dtype=bool)  # the last one for 'no corner'
-            inside[np.asarray(members, dtype=int)] = True
+            inside[_checked_members(label, members, count)] = True
             inside[-1] = True
             if not inside[whole].all():
                 chosen[label] = np.flatnonzero(

@@ -194,6 +194,10 @@ def test_points_and_sets_that_are_damaged_are_refused():
     source.cell_sets["low"][1] = [4]
     with pytest.raises(ValueError, match=r"cell_sets\['low'\] has cells up to 4 of 1"):
         imported.mesh(source)
+    source = column()
+    source.point_sets = {"high": np.array([4, 5, 77])}
+    with pytest.raises(ValueError, match=r"point_sets\['high'\] has point 77: 0 to 11"):
+        imported.mesh(source)
 
 
 def test_facets_of_nothing_are_dropped_and_counted():
@@ -205,6 +209,11 @@ def test_facets_of_nothing_are_dropped_and_counted():
     with pytest.warns(UserWarning, match="has 2 facets of 'low' that no element"):
         mesh = imported.mesh(source)
     assert len(list(mesh.Boundaries("low").Elements())) == 1
+
+    source.cell_sets.clear()
+    with pytest.warns(UserWarning, match="has 2 facets without a name that no element"):
+        mesh = imported.mesh(source)
+    assert set(mesh.GetBoundaries()) == {"boundary"}
 
 
 def test_sets_of_points_that_overlap_are_told():
@@ -225,6 +234,7 @@ DAMAGED = {
     "cut.inp": "*NODE\n1, 0., 0.\n*ELEMENT, TYPE=CPS4\n1, 1, 1, 1\n",
     "nodes.inp": "*NODE\n1, 0., 0.\n*ELEMENT, TYPE=CPS3\n1, 1, 2, 3\n",
     "parts.inp": "*PART\n*END PART\n*INSTANCE\n*END INSTANCE\n*INSTANCE\n*END INSTANCE\n",
+    "includes.inp": "*INCLUDE, INPUT=includes.inp\n",
     "unknown.format": "1 2 3",
 }
 
@@ -248,5 +258,5 @@ def test_missing_files_and_bodies_are_named(tmp_path):
     with pytest.raises(ValueError, match=rf"{path}: source has nothing: triangles"):
         imported.read(path)
     shutil.copy(FILES / "with_include.inp", tmp_path)
-    with pytest.raises(FileNotFoundError, match=r"bulk\.inp"):
+    with pytest.raises(FileNotFoundError, match=r"with_include\.inp needs .*bulk\.inp"):
         imported.read(tmp_path / "with_include.inp")
