@@ -23,11 +23,14 @@ def check_writable(path: Path) -> None:
         if not os.access(path, os.W_OK):
             raise PermissionError(f"{path} cannot be written")
         return
-    check_folder(path.parent)
+    check_folder(path.parent, str(path))
 
 
-def check_folder(folder: Path) -> None:
-    """Make ``folder`` if it is missing, write and remove ``ROOM`` bytes there, or raise OSError."""
+def check_folder(folder: Path, place: str = "") -> None:
+    """Make ``folder`` if it is missing, write and remove ``ROOM`` bytes there, or raise OSError.
+
+    The error names ``place``, the folder by default.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=folder, prefix=".room.") as probe:
@@ -35,7 +38,7 @@ def check_folder(folder: Path) -> None:
             probe.flush()
             os.fsync(probe.fileno())
     except OSError as error:
-        raise _named(error, f"folder {folder}") from error
+        raise _named(error, place or f"folder {folder}") from error
 
 
 def _named(error: OSError, place: str) -> OSError:

@@ -11,19 +11,22 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="file sizes are limit
 WRITES = """
 import resource, sys
 from pathlib import Path
-from ngepc import lshape_problem, semismooth_newton
+from ngepc import evolve, lshape_problem, semismooth_newton, write_receipt
 from ngepc.geometries import lshape
 from ngepc.pictures.export import export_vtu
 from ngepc.pictures.curves import plot_contact_pressure
 from ngepc.pictures.style import save_figure
 from ngepc.results.files import replace_contents
 
+coarse = lshape_problem(lshape.paper_mesh(33))
 result = semismooth_newton(lshape_problem(lshape.mesh(maxh=0.05)))
 path = Path(sys.argv[1])
 writers = {
     "text.txt": lambda path: replace_contents(path, bytes(100_000)),
     "body.vtu": lambda path: export_vtu(result, path),
     "curve.png": lambda path: save_figure(plot_contact_pressure(result), path),
+    "receipt.npz": lambda path: write_receipt(result, path),
+    "history.npz": lambda path: evolve(coarse, [(1.0, {"gap": 0.2})], checkpoint=path),
 }
 for name in writers:
     (path / name).write_text("old")
@@ -45,7 +48,7 @@ def test_a_full_disk_leaves_the_old_files_and_names_the_new_ones(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    names = ["text.txt", "body.vtu", "curve.png"]
+    names = ["text.txt", "body.vtu", "curve.png", "receipt.npz", "history.npz"]
     told = dict(line.split(" | ") for line in done.stdout.splitlines())
     assert list(told) == names
     for name in names:
