@@ -16,6 +16,7 @@ from ngepc import (
     MeanDisplacement,
     Status,
     displacement_bracket,
+    duality_report,
     error_bound,
     error_indicators,
     export_vtu,
@@ -119,12 +120,18 @@ WITH_LARGE_GAMMA = ("plane strain", "axisymmetric", "isotropic hardening", "obst
 
 
 def by_regularisation(feature, _):
-    """The residual by plain forms is zero, and the energies bound the distance to the witness."""
+    """The residual by plain forms is zero, and the energies bound the distance to the witness.
+
+    The terms of the duality gap add up to it.
+    """
     for gamma in (1e3, 1e6) if feature in WITH_LARGE_GAMMA else (1e3,):
         result = semismooth_newton(problem_of(feature), gamma)
         apart, allowed = distance_bound(witness(feature), result)
         assert dual_residual(result).norm < 1e-10
         assert apart <= allowed
+        report = duality_report(result)
+        size = abs(report.primal_energy) + abs(report.dual_energy)
+        assert abs(sum(report.parts.values()) - report.gap) < 1e-8 * size
 
 
 def by_bound(feature, _):
