@@ -44,6 +44,8 @@ ELEMENT_TYPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.HEX, ET.PR
 
 COVERED = 6
 """Degree of the rule at whose points a function of another mesh has to be defined."""
+COVERED_OUTSIDE = {1: 255, 2: 31}
+"""The same for elements of the boundary by dimension: 128 points on an edge, as loads have."""
 
 BEYOND = 1e-4
 """Distance of a point just outside a mesh from it, relative to an element's width."""
@@ -253,7 +255,8 @@ def require_points(name: str, other: Mesh, points: np.ndarray, where: str) -> No
 def fine_points(mesh: Mesh, boundaries: Names = None) -> np.ndarray:
     """Vertices and many inner points of all elements (or boundary elements), shape (k, N)."""
     dim = mesh.dim - (boundaries is not None)
-    inner = {shape: IntegrationRule(shape, COVERED) for shape in ELEMENT_TYPES[dim]}
+    order = COVERED if boundaries is None else COVERED_OUTSIDE[dim]
+    inner = {shape: IntegrationRule(shape, order) for shape in ELEMENT_TYPES[dim]}
     position = CF((x, y, z)[: mesh.dim])
     vertices = sample(position, mesh, boundaries, corner_rules(dim))
     return np.vstack([vertices, sample(position, mesh, boundaries, inner)])

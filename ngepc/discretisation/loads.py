@@ -12,7 +12,8 @@ have shape (nodes, N): one row for each degree of freedom of a displacement comp
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import combinations_with_replacement
+from functools import partial
+from itertools import combinations_with_replacement, product
 
 import numpy as np
 from ngsolve import (
@@ -40,7 +41,7 @@ from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import Coefficient
-from ngepc.discretisation.sampling import Scan
+from ngepc.discretisation.sampling import SIMPLICES, Scan, with_last_share
 from ngepc.model.data import same_fields
 from ngepc.model.elements import (
     cells_of,
@@ -204,20 +205,38 @@ def hidden_forces(problem: Problem, scan: Scan, scalar: FESpace) -> np.ndarray:
 
 
 def shapes_at(scalar: FESpace, element: ElementId, shares: np.ndarray) -> np.ndarray:
-    """Functions of order one or two of a simplex at barycentric points, (points, functions).
+    """Functions of order one or two of an element at points given by shares, (points, functions).
 
-    They are combinations of products of barycentric coordinates, determined by the values at
-    vertices and edge midpoints.
+    They are combinations of products: of two barycentric coordinates on simplices, of powers of the
+    coordinates up to two on other shapes.  Their values at as many nodes determine them.
     """
-    pairs = list(combinations_with_replacement(range(shares.shape[1]), 2))
-    unit = np.eye(shares.shape[1])
-    nodes = np.array([(unit[i] + unit[j]) / 2 for i, j in pairs])
     finite = scalar.GetFE(element)
+    if scalar.mesh[element].type in SIMPLICES.values():
+        pairs = list(combinations_with_replacement(range(shares.shape[1]), 2))
+        unit = np.eye(shares.shape[1])
+        nodes = np.array([(unit[i] + unit[j]) / 2 for i, j in pairs])
+        products = partial(_products, pairs=pairs)
+    else:
+        places = product((0.0, 0.5, 1.0), repeat=shares.shape[1] - 1)
+        nodes = with_last_share(np.array(list(places)))
+        products = _powers
     known = np.array([np.array(finite.CalcShape(*node[:-1])) for node in nodes])
+    factors = np.linalg.solve(products(nodes), known)
+    return products(shares) @ factors
+
+
+def _products(shares: np.ndarray, pairs: list[tuple[int, int]]) -> np.ndarray:
+    """Products of two barycentric coordinates, (points, pairs)."""
     first, second = np.transpose(pairs)
-    products = nodes[:, first] * nodes[:, second]
-    factors = np.linalg.solve(products, known)
-    return (shares[:, first] * shares[:, second]) @ factors
+    return shares[:, first] * shares[:, second]
+
+
+def _powers(shares: np.ndarray) -> np.ndarray:
+    """Products of powers 0, 1 and 2 of each coordinate of a reference element."""
+    exponents = list(product(range(3), repeat=shares.shape[1] - 1))
+    return np.stack(
+        [np.prod(shares[:, :-1] ** power, axis=1) for power in exponents], 1
+    )
 
 
 def region_measure(

@@ -14,9 +14,9 @@ from ngsolve import BND, H1, VOL, ElementId, Mesh
 
 from ngepc.discretisation.loads import shapes_at
 from ngepc.discretisation.polynomials import HIGHEST, is_polynomial
-from ngepc.discretisation.sampling import Scan, lattice, parts_of_edges
+from ngepc.discretisation.sampling import Scan, parts_of_edges
 from ngepc.model.elements import cells_of
-from ngepc.model.places import Coulomb
+from ngepc.model.places import Coulomb, Edge
 from ngepc.model.problem import Problem
 
 ON_BOUNDARY = (
@@ -68,6 +68,10 @@ def what_is_unseen(problem: Problem, scanned: Collection[str] | None = LOADS) ->
 def _seen_at(problem: Problem, name: str, scanned: Collection[str] | None) -> str:
     """Where a datum is looked at, in words."""
     outside = name in ON_BOUNDARY
+    given = getattr(problem, name, None)
+    on_edges = isinstance(given, Mapping) and any(isinstance(p, Edge) for p in given)
+    if name == "springs" or on_edges:
+        return "at integration points"
     if scanned is None or name in scanned:
         parts = parts_of_edges(problem.mesh, BND if outside else VOL)
         return f"at 1/{parts} of each edge of an element"
@@ -87,7 +91,7 @@ def hidden_overlap(problem: Problem, u: np.ndarray) -> float:
         on = np.array(mesh.Boundaries(name).Mask(), dtype=bool)[region]
         scan = Scan(mesh, gap, BND, on)
         for number in scan.hidden.tolist():
-            shares = lattice(scan.dim, scan.count)[1]
+            shares = scan.lattice_in(number)
             element = ElementId(BND, number)
             nodes = list(scalar.GetDofNrs(element))
             moved = shapes_at(scalar, element, shares) @ u[nodes]
@@ -114,6 +118,7 @@ def _given(problem: Problem) -> dict[str, object]:
         "hardening": material.effective_hardening,
         "initial_plastic_strain": problem.initial_plastic_strain,
         "initial_hardening": problem.initial_hardening,
+        "initial_accumulated": problem.initial_accumulated,
         "initial_displacement": problem.initial_displacement,
         "initial_strain": problem.initial_strain,
         "material.law": [] if material.law is None else material.law.data,

@@ -5,6 +5,10 @@ first sampled on a lattice of points.  If a cubic function does not fit the latt
 element is cut into the parts of the lattice, and these are cut again where the values at their
 corners differ.  Neighbouring parts whose values a quadratic function fits are integrated together.
 Features narrower than the lattice can still be missed.
+
+Quadrilaterals, prisms and hexahedra are treated as the simplices into which their reference
+element is cut.  The shares of a point are its coordinates in the reference element, and one minus
+their sum; in a simplex these are its barycentric coordinates.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ import math
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations_with_replacement, permutations
+from typing import NamedTuple
 
 import numpy as np
 from ngsolve import (
@@ -28,10 +33,12 @@ from ngsolve import (
 
 from ngepc.checks.arguments import Coefficient
 from ngepc.discretisation.polynomials import is_polynomial
-from ngepc.model.elements import has_straight_simplices
+from ngepc.model.elements import element_nodes, has_straight_simplices
 from ngepc.model.processes import processes_of
 
 SIMPLICES = {1: ET.SEGM, 2: ET.TRIG, 3: ET.TET}
+SHAPES = {1: (ET.SEGM,), 2: (ET.TRIG, ET.QUAD), 3: (ET.TET, ET.PRISM, ET.HEX)}
+"""Shapes of elements by dimension."""
 FINEST = {1: 128, 2: 96, 3: 18}
 """Parts of an edge by dimension: they resolve spots of 1/50 of an edge, 1/10 in space."""
 FINEST_FACET = 48
@@ -75,6 +82,37 @@ def parts_of_simplex(dim: int, count: int) -> np.ndarray:
 
 
 @cache
+def pieces_of(shape: ET) -> np.ndarray:
+    """The simplices of a reference element: shares of their corners, (pieces, dim + 1, dim + 1).
+
+    Each has the size of the reference simplex.
+    """
+    if shape == ET.PRISM:
+        return _pieces_of_prism()
+    if shape not in (ET.QUAD, ET.HEX):
+        dim = next(dim for dim, simplex in SIMPLICES.items() if simplex == shape)
+        return np.eye(dim + 1)[None]
+    dim = 2 if shape == ET.QUAD else 3
+    paths = [np.eye(dim)[list(order)] for order in permutations(range(dim))]
+    corners = np.array([np.insert(np.cumsum(path, axis=0), 0, 0, 0) for path in paths])
+    return with_last_share(corners)
+
+
+def _pieces_of_prism() -> np.ndarray:
+    """The three tetrahedra of the reference prism."""
+    low = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 0)], dtype=float)
+    high = low + np.array([0.0, 0.0, 1.0])
+    corners = [[*low[: k + 1], *high[k:]] for k in range(3)]
+    return with_last_share(np.array(corners))
+
+
+def with_last_share(places: np.ndarray) -> np.ndarray:
+    """Shares (..., dim + 1) of points of a reference element (..., dim)."""
+    last = 1 - places.sum(axis=-1, keepdims=True)
+    return np.concatenate([places, last], axis=-1)
+
+
+@cache
 def degree_two(dim: int) -> np.ndarray:
     """Barycentric points of a rule with equal weights that is exact for degree two."""
     share = (1 - (dim + 2) ** -0.5) / (dim + 1)
@@ -87,6 +125,8 @@ def parts_of_edges(mesh: Mesh, kind: object) -> int:
     dim = mesh.dim if inside else mesh.dim - 1
     finest = FINEST_FACET if dim == 2 and not inside else FINEST[dim]
     elements = mesh.ne if inside else mesh.GetNE(BND)
+    if (element_nodes(mesh)[:, mesh.dim + 1 :] >= 0).any():
+        elements *= math.factorial(dim)  # at most as many pieces
     each = MOST_POINTS * math.factorial(dim) / max(elements, 1)
     wanted = min(finest, max(COARSEST[dim], each ** (1 / dim)))
     return math.ceil(wanted / GROUPED[dim]) * GROUPED[dim]
@@ -126,15 +166,15 @@ def lattice(dim: int, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @cache
-def lattice_rule(dim: int, count: int) -> IntegrationRule:
-    """The lattice points as a rule of NGSolve."""
-    return rule_at(lattice(dim, count)[1])
+def lattice_rule(piece: Piece, count: int) -> IntegrationRule:
+    """The lattice points in a piece as a rule of NGSolve."""
+    return rule_at(lattice(piece.dim, count)[1] @ piece.corners)
 
 
 @cache
-def centre_rule(dim: int, count: int) -> IntegrationRule:
-    """The centres of ``lattice_parts`` as a rule of NGSolve."""
-    return rule_at(lattice_parts(dim, count).mean(axis=1))
+def centre_rule(piece: Piece, count: int) -> IntegrationRule:
+    """The centres of ``lattice_parts`` in a piece as a rule of NGSolve."""
+    return rule_at(lattice_parts(piece.dim, count).mean(axis=1) @ piece.corners)
 
 
 @cache
@@ -146,6 +186,28 @@ def cubics(dim: int, count: int) -> np.ndarray:
         for chosen in combinations_with_replacement(range(dim + 1), 3)
     ]
     return np.linalg.qr(np.stack(powers, axis=1))[0]
+
+
+class Piece(NamedTuple):
+    """A simplex of the reference element of a shape."""
+
+    shape: ET
+    number: int
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Shares of its corners, (dim + 1, dim + 1)."""
+        return pieces_of(self.shape)[self.number]
+
+    @property
+    def dim(self) -> int:
+        """Its dimension."""
+        return len(self.corners) - 1
+
+    @classmethod
+    def all(cls, shape: ET) -> list[Piece]:
+        """All pieces of a shape."""
+        return [cls(shape, number) for number in range(len(pieces_of(shape)))]
 
 
 AT_ONCE = 200_000
@@ -181,10 +243,11 @@ def with_centres(corners: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """Parts of one element, and the values of a coefficient at their corners and centres.
+    """Parts of one piece, and the values of a coefficient at their corners and centres.
 
-    ``corners`` (parts, dim + 1, dim + 1) are barycentric, ``values`` (parts, dim + 2, k); ``size``
-    (parts,) are parts of the element's, zero where a group is integrated as a whole.
+    ``corners`` (parts, dim + 1, dim + 1) are barycentric in the piece, ``values``
+    (parts, dim + 2, k); ``size`` (parts,) are parts of the piece's, zero where a group is
+    integrated as a whole.
     """
 
     corners: np.ndarray
@@ -223,7 +286,7 @@ def smooth_groups(values: np.ndarray, dim: int) -> np.ndarray:
 class HiddenRule:
     """An adaptive rule: points in one element, weights, and the values of a coefficient.
 
-    ``shares`` (q, dim + 1) are barycentric, in NGSolve's order of the vertices; ``weights`` (q,)
+    ``shares`` (q, dim + 1) are those of the points; ``weights`` (q,)
     add up to the size of the element; ``values`` (q, k).  ``corners`` (parts, dim + 2, dim + 1) are
     those of the parts and their centres, with the values ``at_corners`` (parts, dim + 2, k).
     ``unresolved`` (k,) is
@@ -237,9 +300,21 @@ class HiddenRule:
     at_corners: np.ndarray
     unresolved: np.ndarray
 
+    @classmethod
+    def joined(cls, several: list[HiddenRule]) -> HiddenRule:
+        """The rule on all pieces of an element."""
+        if len(several) == 1:
+            return several[0]
+        names = ("shares", "weights", "values", "corners", "at_corners")
+        arrays = {
+            name: np.concatenate([getattr(rule, name) for rule in several])
+            for name in names
+        }
+        return cls(**arrays, unresolved=sum(rule.unresolved for rule in several))
+
 
 class Scan:
-    """A coefficient on simplices, sampled on a lattice.
+    """A coefficient on elements, sampled on a lattice.
 
     ``hidden`` are the numbers of the elements where a rule of moderate order would miss something;
     ``rule(number)`` integrates there.
@@ -251,7 +326,7 @@ class Scan:
     kind
         VOL or BND: elements of the body or of its boundary.
     chosen
-        Which of them, as booleans; all by default.  Other shapes than simplices are left out.
+        Which of them, as booleans; all by default.  Pyramids are left out.
     """
 
     def __init__(
@@ -271,11 +346,16 @@ class Scan:
         numbers = np.arange(mesh.ne if kind == VOL else mesh.GetNE(BND))
         if chosen is not None:
             numbers = numbers[chosen]
-        shape = SIMPLICES[self.dim]
-        numbers = [
-            n for n in numbers.tolist() if mesh[ElementId(kind, n)].type == shape
-        ]
-        self.hidden = self._hidden(np.array(numbers, dtype=int))
+        shapes = [self._shape(number) for number in numbers.tolist()]
+        found = []
+        for shape in SHAPES[self.dim]:
+            same = np.array([other == shape for other in shapes], dtype=bool)
+            found.append((shape, numbers[same]))
+        self.hidden = self._hidden(found)
+
+    def _shape(self, number: int) -> ET:
+        """The shape of an element."""
+        return self.mesh[ElementId(self.kind, number)].type
 
     @cached_property
     def count(self) -> int:
@@ -287,35 +367,50 @@ class Scan:
         """Whether the Jacobian of each element is constant."""
         return has_straight_simplices(self.mesh)
 
-    def _hidden(self, numbers: np.ndarray) -> np.ndarray:
+    def _hidden(self, by_shape: list[tuple[ET, np.ndarray]]) -> np.ndarray:
         """The elements whose lattice values no cubic function fits, beside the largest value."""
-        sizes = np.zeros(len(numbers))
-        missed = np.zeros(len(numbers))
-        if len(numbers):
-            basis = cubics(self.dim, self.count)
-            together = max(AT_ONCE // len(basis), 1)
-            for first in range(0, len(numbers), together):
-                some = slice(first, first + together)
-                values = self._on_lattice(numbers[some])
-                fitted = basis @ (basis.T @ values)
-                sizes[some] = np.abs(values).max(axis=(1, 2))
-                missed[some] = np.abs(values - fitted).max(axis=(1, 2))
+        numbers = np.concatenate([some for _, some in by_shape])
+        measured = [self._missed(shape, some) for shape, some in by_shape]
+        sizes, missed = np.concatenate(measured, axis=1)
         size = processes_of(self.mesh).maximum(sizes)
-        return numbers[missed > FOLLOWED * size]
+        return np.sort(numbers[missed > FOLLOWED * size])
 
-    def _on_lattice(self, numbers: np.ndarray) -> np.ndarray:
-        """Values on the lattice, shape (elements, points, components)."""
-        shares = lattice(self.dim, self.count)[1]
+    def _missed(self, shape: ET, numbers: np.ndarray) -> np.ndarray:
+        """The largest value on each element, and by how much a cubic function misses, (2, k)."""
+        found = np.zeros((2, len(numbers)))
+        if not len(numbers):
+            return found
+        basis = cubics(self.dim, self.count)
+        together = max(AT_ONCE // len(basis), 1)
+        for first in range(0, len(numbers), together):
+            some = slice(first, first + together)
+            for piece in Piece.all(shape):
+                values = self._on_lattice(numbers[some], piece)
+                fitted = basis @ (basis.T @ values)
+                size = np.abs(values).max(axis=(1, 2))
+                missed = np.abs(values - fitted).max(axis=(1, 2))
+                found[:, some] = np.maximum(found[:, some], [size, missed])
+        return found
+
+    def _on_lattice(self, numbers: np.ndarray, piece: Piece) -> np.ndarray:
+        """Values on the lattice in a piece, shape (elements, points, components)."""
+        shares = lattice(self.dim, self.count)[1] @ piece.corners
         somewhere = self.mesh.MapToAllElements(rule_at(shares[:1]), self.kind)
         points = np.repeat(somewhere[numbers], len(shares))
         for axis, places in zip("xyz", shares[:, :-1].T, strict=False):
             points[axis] = np.tile(places, len(numbers))
         return np.asarray(self.value(points)).reshape(len(numbers), len(shares), -1)
 
+    def lattice_in(self, number: int) -> np.ndarray:
+        """The shares of the lattice points in an element, (points, dim + 1)."""
+        points = lattice(self.dim, self.count)[1]
+        pieces = Piece.all(self._shape(number))
+        return np.concatenate([points @ piece.corners for piece in pieces])
+
     def at(
         self, number: int, shares: np.ndarray, value: CoefficientFunction
     ) -> np.ndarray:
-        """Another coefficient at barycentric points of one element, (points, components)."""
+        """Another coefficient at points of one element given by shares, (points, components)."""
         return self._at(number, rule_at(shares), value)
 
     def _at(
@@ -328,8 +423,13 @@ class Scan:
 
     def rule(self, number: int) -> HiddenRule:
         """Points on the parts of the lattice, cut where values differ, and on smooth groups."""
+        pieces = Piece.all(self._shape(number))
+        return HiddenRule.joined([self._rule(number, piece) for piece in pieces])
+
+    def _rule(self, number: int, piece: Piece) -> HiddenRule:
+        """The rule on one piece of an element."""
         dim = self.dim
-        parts, groups = self._sampled(number)
+        parts, groups = self._sampled(number, piece)
         limit = STEEP[dim] * np.ptp(parts.values, axis=(0, 1))
         kept = []
         for level in range(LEVELS[dim] + 1):
@@ -337,23 +437,24 @@ class Scan:
             if level == LEVELS[dim] or not steep.any():
                 break
             kept.append(parts.chosen(~steep))
-            parts = self._cut(number, parts.chosen(steep))
+            parts = self._cut(number, piece, parts.chosen(steep))
         unresolved = parts.size[steep] @ parts.differences()[steep] ** 2
 
         parts = Parts.joined([*kept, parts])
-        shares, weights = points_on(groups, parts)
+        inside, weights = points_on(groups, parts)
+        shares = inside @ piece.corners
         rule = rule_at(shares)
         weights = weights * self._measure(number, rule)
         return HiddenRule(
             shares=shares,
             weights=weights,
             values=self._at(number, rule),
-            corners=with_centres(parts.corners),
+            corners=with_centres(parts.corners) @ piece.corners,
             at_corners=parts.values,
             unresolved=unresolved * weights.sum(),
         )
 
-    def _sampled(self, number: int) -> tuple[Parts, np.ndarray]:
+    def _sampled(self, number: int, piece: Piece) -> tuple[Parts, np.ndarray]:
         """The parts of the lattice, and the groups of them that are integrated as one.
 
         In these no part has values that differ much.
@@ -361,8 +462,8 @@ class Scan:
         dim = self.dim
         corners = lattice_parts(dim, self.count)
         index = lattice(dim, self.count)[0]
-        at_lattice = self._at(number, lattice_rule(dim, self.count))[index]
-        centres = self._at(number, centre_rule(dim, self.count))
+        at_lattice = self._at(number, lattice_rule(piece, self.count))[index]
+        centres = self._at(number, centre_rule(piece, self.count))
         values = np.concatenate([at_lattice, centres[:, None]], axis=1)
 
         groups = groups_of_parts(dim, self.count)
@@ -373,21 +474,21 @@ class Scan:
         size = np.where(np.repeat(smooth, each), 0.0, 1 / len(corners))
         return Parts(corners, values, size), groups[smooth]
 
-    def _cut(self, number: int, parts: Parts) -> Parts:
+    def _cut(self, number: int, piece: Piece, parts: Parts) -> Parts:
         """The 2^dim parts of each of some parts."""
         corners = cut(parts.corners)
         size = np.repeat(parts.size / 2**self.dim, 2**self.dim)
-        return Parts(corners, self._at_corners(number, corners), size)
+        return Parts(corners, self._at_corners(number, piece, corners), size)
 
-    def _at_corners(self, number: int, corners: np.ndarray) -> np.ndarray:
-        """Values at corners and centres of parts of an element, (parts, dim + 2, .)."""
+    def _at_corners(self, number: int, piece: Piece, corners: np.ndarray) -> np.ndarray:
+        """Values at corners and centres of parts of a piece, (parts, dim + 2, .)."""
         most = self.count * 2 ** LEVELS[self.dim]
         keys = (corners.reshape(-1, self.dim + 1) * most).round().astype(np.int64)
         codes = keys[:, :-1] @ (most + 1) ** np.arange(self.dim)
         _, first, index = np.unique(codes, return_index=True, return_inverse=True)
-        rule = rule_at(corners.reshape(-1, self.dim + 1)[first])
+        rule = rule_at(corners.reshape(-1, self.dim + 1)[first] @ piece.corners)
         values = self._at(number, rule)[index].reshape(*corners.shape[:2], -1)
-        centres = self._at(number, rule_at(corners.mean(axis=1)))
+        centres = self._at(number, rule_at(corners.mean(axis=1) @ piece.corners))
         return np.concatenate([values, centres[:, None]], axis=1)
 
     def _measure(self, number: int, rule: IntegrationRule) -> np.ndarray:

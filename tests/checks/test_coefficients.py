@@ -172,6 +172,16 @@ def test_a_boundary_needs_only_its_own_points():
         Problem(SQUARE, STEEL, pressure={"left": gap})
 
 
+def test_a_notch_in_another_mesh_is_noticed_where_loads_are_integrated():
+    """It is narrower than the distance of the points of an ordinary rule."""
+    notch = Rectangle(0.02, 0.3).Face().Move((0.61, 0.8, 0))
+    body = Rectangle(1, 1).Face() - notch
+    other = Mesh(OCCGeometry(body, dim=2).GenerateMesh(maxh=0.3))
+    load = {"contact": (0.0, function(other, 1.0))}
+    with pytest.raises(ValueError, match=r"traction\['contact'\] has .* of contact"):
+        Problem(block.structured_mesh(2, 2), STEEL, traction=load)
+
+
 def test_another_dimension_is_refused():
     with pytest.raises(ValueError, match="another mesh, of dimension 3: one of dim"):
         Problem(SQUARE, STEEL, contact="contact", gap=function(CUBE))

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from ngsolve import CF, H1, GridFunction, x, y
+from bodies import prisms
+from ngsolve import CF, H1, GridFunction, IfPos, x, y
 
 from ngepc import Fields, Material, Point, Problem
 from ngepc.discretisation.loads import applied_forces, displacement_space, nodal
@@ -12,6 +13,13 @@ METAL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=10.0
 )
 SQUARE = block.structured_mesh(3, 2)
+SHAPES = {
+    "triangles": lambda: block.structured_mesh(2, 2, simplices=True),
+    "quadrilaterals": lambda: block.structured_mesh(2, 2),
+    "tetrahedra": lambda: block.structured_mesh(2, 2, 2, simplices=True),
+    "prisms": lambda: prisms(2),
+    "hexahedra": lambda: block.structured_mesh(2, 2, 2),
+}
 
 
 def work(problem, motion):
@@ -42,6 +50,36 @@ def test_resultants(load, expected, order):
     motions = (CF((1.0, 0.0)), CF((0.0, 1.0)), CF((-y, x)))
     found = [work(problem, motion) for motion in motions]
     assert found == pytest.approx(expected, abs=1e-12)
+
+
+WIDTH = {2: 0.02, 3: 0.06}
+"""Of a strip around x = 0.29: 1/25 of an edge in the plane, 1/8 in space."""
+
+
+def strip(width):
+    """A function with the integral one over the unit square or cube."""
+    half = width / 2
+    return IfPos(x - 0.29 + half, IfPos(0.29 + half - x, 1 / width, 0.0), 0.0)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_narrow_loads_are_not_missed(shape, order):
+    """Cells of width 1/2, most of whose rules have no point in the strip."""
+    mesh = SHAPES[shape]()
+    N = mesh.dim
+    narrow = strip(WIDTH[N])
+    rest = (0.0,) * (N - 1)
+    motions = [CF((1.0, *rest)), CF((x, *rest))]
+
+    inside = Problem(mesh, METAL, order=order, body_force=(narrow, *rest))
+    assert work(inside, motions[0]) == pytest.approx(1.0, rel=0.05)
+    assert work(inside, motions[1]) == pytest.approx(0.29, rel=0.05)
+
+    pulled = {"contact": (narrow, *rest)}
+    outside = Problem(mesh, METAL, order=order, traction=pulled)
+    assert work(outside, motions[0]) == pytest.approx(1.0, rel=0.05)
+    assert work(outside, motions[1]) == pytest.approx(0.29, rel=0.05)
 
 
 def test_fields_of_the_wrong_shape_are_named():

@@ -30,6 +30,7 @@ def problem(**data):
             "friction (at nodes)",
         ),
         ({"initial_strain": 1e-3 * sin(y)}, "initial_strain (at integration points)"),
+        ({"springs": {"right": 10 + sin(y)}}, "springs (at integration points)"),
     ],
 )
 def test_what_is_sampled_is_said(data, said):
