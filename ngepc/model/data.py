@@ -254,7 +254,8 @@ class ProblemData:
         law = self.material.rate
         if law is not None and self.duration is None:
             needed = (
-                "duration= is needed, the length of the time step (evolve knows it)"
+                "duration= is needed, the length of the time step; evolve sets it if the steps "
+                "begin before the first time, see Schedule(begin=...)"
             )
             raise ValueError(
                 f"material.rate={in_words(law)} without a time step: {needed}"
