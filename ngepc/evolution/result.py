@@ -17,6 +17,7 @@ from ngepc.evolution.memory import Memory
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.material import Material
+from ngepc.model.own import require_same_mesh
 from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
 from ngepc.results.fields import Fields
@@ -125,8 +126,11 @@ class EvolutionStep:
 
     @property
     def problem(self) -> Problem:
-        """The problem of the step, with p_0 and alpha_0 as they were at its beginning."""
-        return self.fields.problem
+        """The problem of the step, with p_0 and alpha_0 as they were at its beginning.
+
+        ValueError if its mesh was refined since.
+        """
+        return require_same_mesh(self.fields.problem)
 
     @cached_property
     def solution(self) -> ExactResult:

@@ -32,6 +32,7 @@ from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.cores import crew
 from ngepc.local.solver import RepeatedSolver
 from ngepc.model.features import require_covered
+from ngepc.model.own import OwnCopies
 from ngepc.model.problem import Problem
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import Status
@@ -202,6 +203,7 @@ class _Run:
 
     def __post_init__(self) -> None:
         self.evolution = Evolution(self.problem, [], Memory.initial(self.problem))
+        self._own = OwnCopies()
         self._checked: dict[float, tuple[Problem, Problem]] = {}
         for time in self.schedule.times:
             step = self._problem_at(time)
@@ -228,7 +230,7 @@ class _Run:
             for function, name in ((u, "u"), (p, "p")):
                 values = function.vec.FV().NumPy()
                 values[:] = array_of(file.path, arrays, name, len(values))
-            fields = Fields(problem, u, p)
+            fields = Fields(self._own.of(problem), u, p)
             self._append(EvolutionStep(fields, record, arrays["contact"]))
         self.pending = pending if steps else self.pending
 
@@ -337,7 +339,8 @@ class _Run:
                 return Status.MESH_LIMIT, message
         functions = self.evolution.memory.functions
         increment = functions.function(functions.points.at(result.plastic_increment))
-        fields = Fields(result.problem, result.displacement, increment)
+        own = self._own.of(result.problem)
+        fields = Fields(own, result.displacement, increment)
         known = {"time": time, "cuts": level, "error_bound": relative}
         known["guaranteed"] = proved
         record = StepRecord.of(result, fields, self.evolution.memory, **known)

@@ -7,13 +7,19 @@ a copy.  The mesh is shared: that it has been refined since is refused by name.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import is_dataclass
 from functools import partial
 
-from ngsolve import CoefficientFunction, Mesh
+from ngsolve import CoefficientFunction, GridFunction, Mesh, Parameter
 
-from ngepc.checks.coefficients import with_numbers, with_own_functions
+from ngepc.checks.coefficients import (
+    FUNCTION,
+    PARAMETER,
+    leaves_of,
+    with_numbers,
+    with_own_functions,
+)
 from ngepc.model.data import ProblemData
 
 INITIAL = "initial_"
@@ -27,12 +33,56 @@ def own_copy(problem: ProblemData) -> ProblemData:
 
     ValueError if a ``Parameter`` is in a part of a coefficient that cannot be rebuilt.
     """
-    own = copy.copy(problem)
-    for name, value in problem.given.items():
+    return OwnCopies().of(problem)
+
+
+class OwnCopies:
+    """Own copies of the problems of several steps.
+
+    Steps share a datum if the given one is the same object and has not changed in between.
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[object, list, object]] = {}
+
+    def of(self, problem: ProblemData) -> ProblemData:
+        """The problem with data of its own, see ``own_copy``."""
+        own = copy.copy(problem)
+        for name, value in problem.given.items():
+            vars(own)[name] = self._own(name, value)
+        vars(own)["solved_on"] = size_of(problem.mesh)
+        return own
+
+    def _own(self, name: str, value: object) -> object:
+        """A datum that no later change reaches."""
         change = with_numbers if name.startswith(INITIAL) else with_own_functions
-        vars(own)[name] = _changed(name, value, change)
-    vars(own)["solved_on"] = size_of(problem.mesh)
-    return own
+        state = list(_contents(value))
+        last = self._last.get(name)
+        if last is None or last[0] is not value or last[1] != state:
+            last = value, state, _changed(name, value, change)
+            self._last[name] = last
+        return last[2]
+
+
+def _contents(value: object) -> Iterator[object]:
+    """What may change in a datum: numbers of parameters, values of functions."""
+    if isinstance(value, CoefficientFunction):
+        for leaf in leaves_of(value, PARAMETER):
+            if isinstance(leaf, Parameter):
+                yield leaf.Get()
+        for leaf in leaves_of(value, FUNCTION):
+            if isinstance(leaf, GridFunction):
+                yield hash(leaf.vec.FV().NumPy().tobytes())
+        return
+    parts = ()
+    if isinstance(value, Mapping):
+        parts = value.values()
+    elif isinstance(value, tuple | list):
+        parts = value
+    elif is_dataclass(value) and not isinstance(value, type):
+        parts = vars(value).values()
+    for part in parts:
+        yield from _contents(part)
 
 
 def _changed(name: str, value: object, change: Change) -> object:

@@ -189,7 +189,8 @@ def states_of(result: Solution) -> list[Callable[[], State]]:
 def require_one_material(result: Evolution) -> None:
     """Refuse a history whose material changes, as the derivative would be ambiguous."""
     at = result.memory.functions.points.at
-    given = result.problem.material
+    first = result.steps[0] if result.steps else result
+    given = first.problem.material
     expected = [at(one) for one in _data_of(given)]
     for number, step in enumerate(result.steps, start=1):
         material = step.problem.material

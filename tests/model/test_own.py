@@ -1,5 +1,7 @@
 """A result has the data of its solve, whatever becomes of a Parameter, a function or the mesh."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bodies import STEEL
@@ -13,6 +15,7 @@ from ngepc import (
     error_indicators,
     evolve,
     follow_path,
+    gradient,
     primal_newton,
     semismooth_newton,
 )
@@ -132,3 +135,39 @@ def test_a_mesh_that_is_refined_after_the_solve_is_refused(solve, order):
         with pytest.raises(ValueError, match="mesh had"):
             result.displacement  # noqa: B018
     assert solve(problem).problem.mesh.ne > 18
+
+
+def of_history(history):
+    """Numbers that are computed from a history when they are asked for."""
+    solution = history.steps[-1].solution
+    found = gradient(history, "contact_force", ["yield_stress"])
+    return np.r_[
+        numbers_of(solution), error_bound(solution).total, found["yield_stress"]
+    ]
+
+
+def test_what_is_computed_from_a_history_has_the_data_of_its_solve():
+    load = Parameter(3.0)
+    yields = Parameter(1.25)
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    gap = GridFunction(H1(mesh, order=1))
+    gap.Set(1e-3)
+    problem = problem_of(load, gap, mesh)
+    material = replace(STEEL, yield_stress=yields)
+    history = evolve(replace(problem, material=material), [(1.0, {}), (2.0, {})])
+    first, second = (step.problem for step in history.steps)
+    assert first.material is second.material
+    before = of_history(history)
+
+    load.Set(9.0)
+    yields.Set(0.5)
+    gap.vec[:] = -0.01
+    for step in history.steps:
+        vars(step).pop("solution", None)  # it is made again
+    assert of_history(history) == pytest.approx(before, rel=1e-12)
+
+    mesh.Refine()
+    step = history.steps[-1]
+    for use in (lambda: step.problem, lambda: of_history(history)):
+        with pytest.raises(ValueError, match="mesh had 16 vertices"):
+            use()
