@@ -28,6 +28,7 @@ from ngepc.bounds.data import (
     balanced_stress,
     factorise,
     feasible_state,
+    spring_energy,
     strain_coordinates,
 )
 from ngepc.bounds.plane import PlaneBoundData
@@ -75,6 +76,9 @@ class ErrorBound:
         The part of ``total`` due to loads that vary inside elements (data oscillation).
     given
         The problem of the result if ``state`` is a function on a copy of its mesh, otherwise None.
+    sprung
+        The displacement w (length), at the vertices of the facets with springs of stiffness K: the
+        admissible stress has the traction g - K w there; shape (facets, N, N).
     """
 
     state: State = field(repr=False)
@@ -87,6 +91,7 @@ class ErrorBound:
     moved: float = 0.0
     oscillation: float = 0.0
     given: Problem | None = field(default=None, repr=False)
+    sprung: np.ndarray | None = field(default=None, repr=False)
 
     @property
     def problem(self) -> Problem:
@@ -233,7 +238,7 @@ def bound_on_copy(result: ExactResult) -> ErrorBound | None:
         balanced = balanced_by_copy(own, discrete_forces(own), state, tangent, parents)
     else:
         balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
-    algebraic = algebraic_gap(own, balanced)
+    algebraic = algebraic_gap(own, *balanced)
     P = pressure_on_copy(result, bound_data.contact, parents)
     bound, _ = best_bound(bound_data, (state, moved, algebraic), tangent, P)
     cells = result.problem.mesh.ne
@@ -304,11 +309,11 @@ def best_bound(
     contact = bound_data.contact
     if pressure is None:
         pressure = contact.pressure(state.multipliers)
-    z, at_points, P, search = bound_data.best_stress(state, tangent, pressure)
+    z, at_points, P, search, w = bound_data.best_stress(state, tangent, pressure)
     gaps = bound_data.at_nodes.integrals(
         z, bound_data.cells.volume, bound_data.gaps(state, at_points)
     )
-    gaps += np.bincount(contact.owner, contact.gaps(state, P), minlength=len(gaps))
+    gaps += bound_data.boundary_gaps(state, P, w)
     law = bound_data.conjugate
     whole = gaps
     # (gaps^(1/2) + rho / (2 m)^(1/2))^2, J is m-convex in eps(u)
@@ -324,12 +329,12 @@ def best_bound(
     energy = bound_data.energy(state)
     oscillation = total - float(gaps.sum())
     found = (energy, total, algebraic, whole, z, P, moved, oscillation)
-    return ErrorBound(state, *found), search
+    return ErrorBound(state, *found, sprung=w), search
 
 
 def algebraic_part(state: State, tangent: Factors) -> float:
     """Upper bound of J(u) - J_h: the same bound with a discrete stress and discrete contact."""
-    return algebraic_gap(state, discrete_stress(state, tangent))
+    return algebraic_gap(state, *discrete_stress(state, tangent))
 
 
 def discrete_forces(state: State) -> np.ndarray:
@@ -339,13 +344,20 @@ def discrete_forces(state: State) -> np.ndarray:
     return state.discrete.load - pushed
 
 
-def discrete_stress(state: State, tangent: Factors) -> np.ndarray:
-    """A stress (points, c) near that of a state, in discrete equilibrium."""
-    return balanced_stress(state, tangent, discrete_forces(state))
+def discrete_stress(state: State, tangent: Factors) -> tuple[np.ndarray, float]:
+    """A stress (points, c) near that of a state, in discrete equilibrium.
+
+    The second result is what springs add to the bound.
+    """
+    z, moved = balanced_stress(state, tangent, discrete_forces(state))
+    return z, spring_energy(state.discrete, moved)
 
 
-def algebraic_gap(state: State, z: np.ndarray) -> float:
-    """Upper bound of J(u) - J_h by a stress (points, c) in discrete equilibrium."""
+def algebraic_gap(state: State, z: np.ndarray, sprung: float) -> float:
+    """Upper bound of J(u) - J_h by a stress (points, c) in discrete equilibrium.
+
+    ``sprung`` is what springs add to the bound.
+    """
     discrete = state.discrete
     contact = discrete.contact
     forces = contact.friction.projected(state.contact)
@@ -355,7 +367,7 @@ def algebraic_gap(state: State, z: np.ndarray) -> float:
     gap = density - np.einsum("pc,pc->p", z, strain_coordinates(state))
     friction = contact.friction_work(forces, state.gaps, 0.0)
     in_the_body = discrete.points.integral(gap)
-    return in_the_body + float(forces @ state.gaps + friction)
+    return in_the_body + sprung + float(forces @ state.gaps + friction)
 
 
 __getattr__ = old_names(__name__)

@@ -61,6 +61,17 @@ class OuterFacets:
             )
         return values
 
+    def constant(self, name: str, value: Coefficient, on: np.ndarray) -> np.ndarray:
+        """The value (elements,) of a scalar on each element; ValueError if it varies there."""
+        values = self.values(value, on)[:, :, 0]
+        varies = np.ptp(values, axis=1).max(initial=0.0)
+        hidden = len(self.scan(value, on).hidden) > 0
+        if hidden or varies > CONSTANT * np.abs(values).max(initial=1e-300):
+            raise ValueError(
+                f"{name} varies inside boundary elements: bounds need one value on each"
+            )
+        return values[:, 0]
+
     def scan(self, value: Coefficient, on: np.ndarray) -> Scan:
         """The scan of a coefficient on some boundary elements."""
         return Scan(self.mesh, value, BND, on)
@@ -81,10 +92,11 @@ class Boundary(OuterFacets):
     function that is nowhere above psi, ``excess`` the integral of psi - gap times the hat
     functions, and ``friction`` is F (stress) or zero.  For displacements of order two in three
     dimensions ``gap`` is quadratic: its further columns are the coefficients of NGSolve's edge
-    functions, of the edges opposite to the vertices.
+    functions, of the edges opposite to the vertices.  ``elastic`` are the numbers of the facets
+    with springs, ``stiffness`` (elastic facets, N, N) their matrices K: the traction is -K u.
 
-    ValueError for friction or displacements that are not affine on facets, and for boundaries
-    inside the body.
+    ValueError for friction or displacements that are not affine on facets, for springs that are
+    not constant there, and for boundaries inside the body.
     """
 
     def __init__(self, problem: Problem, cells: Simplices) -> None:
@@ -95,6 +107,7 @@ class Boundary(OuterFacets):
         self.given[self.facet] &= ~self._held()
         self.moments = np.zeros((len(cells.facets), N, N))
         self._read_tractions()
+        self._read_springs()
         self._read_contact()
 
     def contact_of(self, names: Sequence[str]) -> np.ndarray:
@@ -139,6 +152,22 @@ class Boundary(OuterFacets):
                 moments[place], squares[place] = found
         self.moments[facets] = self.at_vertices(moments, on)
         self.uneven = (facets, squares)
+
+    def _read_springs(self) -> None:
+        N = self.problem.N
+        stiffness = np.zeros((len(self.cells.facets), N, N))
+        for name, springs in self.problem.spring_constants.items():
+            argument = f"springs[{name!r}]"
+            on = self.on((name,), argument)
+            facets = self.facet[on]
+            for axis, k in springs:
+                d = self.cells.normal[facets]
+                if axis is not None:
+                    d = np.broadcast_to(axis, d.shape)
+                values = self.constant(argument, k, on)
+                stiffness[facets] += values[:, None, None] * d[:, :, None] * d[:, None]
+        self.elastic = np.flatnonzero(stiffness.any(axis=(1, 2)))
+        self.stiffness = stiffness[self.elastic]
 
     def _read_contact(self) -> None:
         on = self.on(

@@ -8,6 +8,7 @@ from scipy.sparse import csr_matrix, diags
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.coverage import BUBBLE
+from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.conditions import initial_displacements
 from ngepc.discretisation.rows import ContactRows
 from ngepc.local.system import DiscreteProblem, State
@@ -49,6 +50,23 @@ def gathered(rows: ContactRows, of_vertices: csr_matrix) -> csr_matrix:
     return (own + diags(between)).tocsr()
 
 
+def nodes_of_facets(
+    discrete: DiscreteProblem, cells: Simplices, vertices: np.ndarray
+) -> np.ndarray:
+    """The vertices (facets, N) of facets, followed by the nodes of their edges for order two."""
+    if discrete.problem.order == 1:
+        return vertices
+    nodes = discrete.points.blocks[0].nodes
+    count = len(cells.points)
+    ends = np.array(EDGES[cells.N])
+    keys = np.sort(nodes[:, ends], axis=2) @ [count, 1]
+    known, first = np.unique(keys, return_index=True)
+    of_facets = np.sort(vertices[:, np.array(OF_FACET[cells.N])], axis=2)
+    found = np.searchsorted(known, of_facets @ [count, 1])
+    edges = nodes[:, cells.N + 1 :].ravel()[first[found]]
+    return np.column_stack([vertices, edges])
+
+
 class ContactFacets:
     """The contact facets of a discrete problem.
 
@@ -68,10 +86,9 @@ class ContactFacets:
         self.normal = c.normal[on]
         self.measure = c.measure[on]
         self.owner = c.owners[on, 0]
-        self.nodes = c.facets[on]
+        self.nodes = nodes_of_facets(discrete, c, c.facets[on])
         self._hats = (1 + np.eye(self.N)) / (self.N * (self.N + 1))
         if self.problem.order == 2:
-            self.nodes = np.column_stack([self.nodes, self._edges()])
             bubbles = {2: np.full((2, 1), 1 / 12), 3: 1 / 30 - np.eye(3) / 60}[self.N]
             self._hats = np.column_stack([self._hats, BUBBLE * bubbles])
         self._start = initial_displacements(self.problem, discrete.supports)
@@ -89,17 +106,6 @@ class ContactFacets:
         self.row_of = np.full(len(corners), -1)
         self.row_of[corner[nearest]] = row[nearest]
         self.row_of = self.row_of.reshape(-1, self.N)
-
-    def _edges(self) -> np.ndarray:
-        """The nodes of the edges of the contact facets, order two, (facets, edges)."""
-        nodes = self.discrete.points.blocks[0].nodes
-        count = len(self.boundary.cells.points)
-        ends = np.array(EDGES[self.N])
-        keys = np.sort(nodes[:, ends], axis=2) @ [count, 1]
-        known, first = np.unique(keys, return_index=True)
-        of_facets = np.sort(self.nodes[:, np.array(OF_FACET[self.N])], axis=2)
-        found = np.searchsorted(known, of_facets @ [count, 1])
-        return nodes[:, self.N + 1 :].ravel()[first[found]]
 
     def moments(self, values: np.ndarray) -> np.ndarray:
         """Moments of affine functions, given at vertices (facets, N, .), at ``nodes``."""

@@ -12,7 +12,7 @@ from ngsolve import CF, Integrate, Mesh
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets
-from ngepc.bounds.data import stress_change, stress_coordinates
+from ngepc.bounds.data import spring_energy, stress_change, stress_coordinates
 from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.transfer import (
     carried_state,
@@ -83,23 +83,26 @@ def pressure_on_copy(
 
 def balanced_by_copy(
     own: State, forces: np.ndarray, copy: State, tangent: Factors, parents: np.ndarray
-) -> np.ndarray:
+) -> tuple[np.ndarray, float]:
     """A stress (cells, c) near that of a state of order one, in equilibrium with nodal forces.
 
     The factors of the mesh itself are not needed: ``tangent`` is that on the copy.  There the
     residual acts on the same vertices, which have the same numbers.  Functions on the mesh are
     functions on the copy, too, and their strains are constant on its cells, so that the mean over
-    the children of a cell does the same work.
+    the children of a cell does the same work.  The second result is the energy of the springs in
+    the change of the displacement.
     """
     missing = np.where(own.discrete.free, forces - own.internal_forces, 0.0)
     on_copy = np.zeros_like(copy.u)
     on_copy[: len(missing)] = missing
-    change = stress_change(copy.discrete, tangent, tangent.solve(on_copy))
+    moved = tangent.solve(on_copy)
+    change = stress_change(copy.discrete, tangent, moved)
     volume = copy.discrete.points.weights
     cells = own.discrete.points.weights
     sums = [np.bincount(parents, volume * part, len(cells)) for part in change.T]
     z = stress_coordinates(*own.discrete.law.stress(own.at))
-    return z + np.stack(sums, axis=1) / cells[:, None]
+    z = z + np.stack(sums, axis=1) / cells[:, None]
+    return z, spring_energy(copy.discrete, moved)
 
 
 def bisected_where_outstanding(

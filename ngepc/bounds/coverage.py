@@ -19,7 +19,7 @@ COVERS = (
     BASIC_FEATURES
     | HISTORY_FEATURES
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
-    | {"anisotropic yield", "cyclic hardening"}
+    | {"anisotropic yield", "cyclic hardening", "springs"}
 )
 """Features that guaranteed bounds cover; friction in three dimensions with order 1 only."""
 

@@ -19,6 +19,7 @@ from ngepc.bounds.contact import ContactFacets
 from ngepc.bounds.convex import conjugate_of
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches
+from ngepc.bounds.foundation import Foundation
 from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.bounds.polynomials import AT_POINTS, RULE, SPLIT, TO_NODES, exceeding
 from ngepc.bounds.simplices import Simplices
@@ -56,12 +57,14 @@ class BestStress(NamedTuple):
     ``nodal`` are coordinates at the vertices of the N + 1 parts of each cell, (nt, (N + 1)^2, c),
     ``at_points`` those at the points of ``BoundData.strain``, ``pressure`` (contact facets, N) is
     the P that goes with it.  ``search`` is the solver that found it, for stresses of adjoints.
+    ``sprung`` is the w of ``foundation``, at the vertices of the elastic facets.
     """
 
     nodal: np.ndarray
     at_points: np.ndarray
     pressure: np.ndarray
     search: Any
+    sprung: np.ndarray
 
 
 class BoundData:
@@ -92,6 +95,7 @@ class BoundData:
         self.patches = Patches(self.boundary, smallest)
         self.piola = ELEMENTS[c.N].piola(c)
         self.contact = ContactFacets(discrete, self.boundary)
+        self.foundation = Foundation(discrete, self.boundary)
         if self.problem.order == 2:
             self._turned = discrete.points.blocks[0].nodes[:, 1] != c.nodes[:, 1]
             history = discrete.law.back, discrete.law.initial
@@ -164,7 +168,7 @@ class BoundData:
         """Facet moments of given tractions (nf, N, N), and the nodal forces to be balanced.
 
         The nodal forces (nodes, N) are those of contact and of the part of the loads that the
-        stress represents exactly.
+        stress represents exactly.  Both are without springs.
         """
         c = self.cells
         outer = self.cells.outer
@@ -178,6 +182,16 @@ class BoundData:
         moments[self.boundary.contact] -= pushed[:, : c.N]
         np.subtract.at(forces, contact.nodes, pushed)
         return moments, forces
+
+    def boundary_gaps(
+        self, state: State, P: np.ndarray, sprung: np.ndarray
+    ) -> np.ndarray:
+        """What contact and springs add to the bound, for each cell."""
+        pressed = self.contact.gaps(state, P)
+        pulled = self.foundation.gaps(state.u, sprung)
+        owners = np.append(self.contact.owner, self.foundation.owner)
+        count = len(self.cells.nodes)
+        return np.bincount(owners, np.append(pressed, pulled), minlength=count)
 
     def gaps(self, state: State, z: np.ndarray) -> np.ndarray:
         """int [phi(eps) - sigma : eps] over each cell for stresses at the points of ``strain``."""
@@ -229,7 +243,9 @@ class BoundData:
         """Strain coordinates whose product with a stress is sigma : eps, shape of ``on_parts``."""
         return self.on_parts(strain_coordinates(state))
 
-    def balanced(self, state: State, tangent: Factors, load: np.ndarray) -> np.ndarray:
+    def balanced(
+        self, state: State, tangent: Factors, load: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Stresses (points, c) in equilibrium with nodal forces, see ``balanced_stress``."""
         return balanced_stress(state, tangent, load)
 
@@ -242,12 +258,16 @@ class BoundData:
         return stress_change(self.discrete, tangent, change)
 
 
-def balanced_stress(state: State, tangent: Factors, load: np.ndarray) -> np.ndarray:
+def balanced_stress(
+    state: State, tangent: Factors, load: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Stresses (points, c) near those of a state, in equilibrium with nodal forces (nodes, N).
 
-    The defect of the nodal forces is corrected by a tangent.
+    The defect of the nodal forces is corrected by a tangent.  Together with the stresses, the
+    springs at the displacement of the state plus the second result carry the forces.
     """
     discrete = state.discrete
+    moved = np.zeros_like(state.u)
     z = stress_coordinates(*discrete.law.stress(state.at))
     forces = state.internal_forces
     for _ in range(PASSES):
@@ -256,9 +276,15 @@ def balanced_stress(state: State, tangent: Factors, load: np.ndarray) -> np.ndar
             break
         factorise(state, tangent)
         change = tangent.solve(missing)
+        moved = moved + change
         z = z + stress_change(discrete, tangent, change)
         forces = forces + tangent.multiply(change)
-    return z
+    return z, moved
+
+
+def spring_energy(discrete: DiscreteProblem, u: np.ndarray) -> float:
+    """The energy of the springs at displacements (nodes, N)."""
+    return 0.5 * float(np.vdot(u, discrete.supports.pull(u)))
 
 
 def stress_change(

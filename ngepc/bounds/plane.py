@@ -291,9 +291,12 @@ class PlaneBoundData(BoundData):
     def best_stress(self, state: State, tangent: Factors, P: np.ndarray) -> BestStress:
         """An admissible stress with a small bound, at points, and its pressure P."""
         moments, forces = self.loads(state, P)
-        stress = self.balanced(state, tangent, forces)
+        stress, moved = self.balanced(state, tangent, forces)
+        sprung = self.foundation.affine(state.u + moved)
+        moments = self.foundation.added(moments, sprung)
         functional = StressFunctional(self.space, self.conjugate, self.strain(state))
-        rest = float(self.phi(state).sum() + self.contact.gaps(state, P).sum())
+        on_boundary = self.boundary_gaps(state, P, sprung)
+        rest = float(self.phi(state).sum() + on_boundary.sum())
         z = self.admissible(stress, moments)
         system = self._unsolved.another()
         centre = self.on_parts(stress)
@@ -301,7 +304,7 @@ class PlaneBoundData(BoundData):
             functional, system, self.cells, z, centre, rest, self.effort
         )
         at_points = z if self.problem.order == 2 else z.mean(axis=1, keepdims=True)
-        return BestStress(self.space.at_nodes(z), at_points, P, search)
+        return BestStress(self.space.at_nodes(z), at_points, P, search, sprung)
 
     def search(self, state: State) -> AirySearch:
         """The solver for Airy functions at the tangent of a state."""

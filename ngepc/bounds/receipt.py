@@ -38,7 +38,7 @@ from ngepc.model.problem import Problem
 from ngepc.results.files import check_writable
 
 COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
-COVERS -= {"anisotropic yield", "cyclic hardening"}
+COVERS -= {"anisotropic yield", "cyclic hardening", "springs"}
 """Features that receipts cover."""
 
 RESOLVED = 0.02
