@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ngepc.bounds.contact import BUBBLE, LEVEL, NORMAL_PASSES
-from ngepc.bounds.data import BoundData, factorise
+from ngepc.bounds.data import AdmissibleStress, BoundData, factorise, spring_energy
 from ngepc.bounds.goal_terms import GoalTerms
 from ngepc.bounds.supremum import dots
 from ngepc.discretisation.factors import Factors
@@ -45,7 +45,8 @@ class Adjoint:
     ``z`` (nodes, N) is the displacement; ``stress`` is admissible, with the shape that
     ``BoundData`` gives to stresses; ``pressure`` is minus its normal traction at the vertices of
     the contact facets; ``energy`` is half the squared residual of the pair in the tangent's law;
-    ``least`` is the smallest factor lambda for which the conditions hold.
+    ``least`` is the smallest factor lambda for which the conditions hold; the traction of the
+    stress on springs of stiffness K is -K ``sprung`` (elastic facets, N, N), at vertices.
     """
 
     z: np.ndarray
@@ -53,6 +54,7 @@ class Adjoint:
     pressure: np.ndarray
     energy: float
     least: float
+    sprung: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +277,7 @@ class AdjointProblem(AdjointConditions):
         if goal.motion is not None:
             strain = discrete.points.strain(lift)
             pulled = discrete.points.forces(*self.tangent.moduli.stress(*strain))
-            forces = forces - pulled
+            forces = forces - pulled - discrete.supports.pull(lift)
         wanted = self.of_rows(goal) - self._rows @ lift.ravel()
         return Start(goal, forces, lift, wanted, self.pressed_rows(forces, wanted))
 
@@ -289,7 +291,8 @@ class AdjointProblem(AdjointConditions):
         points = self.bound_data.discrete.points
         trace, deviator = points.strain(start.base.z + start.lift)
         mean, stress = self.tangent.moduli.stress(trace, deviator)
-        return points.integral(mean * trace + dots(stress, deviator)) / 2
+        stored = points.integral(mean * trace + dots(stress, deviator)) / 2
+        return stored + spring_energy(self.bound_data.discrete, start.base.z + start.lift)
 
     def of(self, start: Start, factor: float) -> Adjoint:
         """An admissible pair for lambda >= ``least``, made for the ``factor`` lambda."""
@@ -300,14 +303,14 @@ class AdjointProblem(AdjointConditions):
             of_lower = self._lower.of(self._lower.start(goal.lower), factor)
             z, least = self.repaired(goal, z, factor)
             energy = bound_data.missed_energy(
-                self.state, self.tangent, z, of_lower.stress
+                self.state, self.tangent, z, of_lower.stress, of_lower.sprung
             )
             return replace(of_lower, z=z, energy=energy, least=least)
         pi = self._pressed(start, factor)
         pi = np.clip(pi, -factor * self.P, factor * self.P)
         z, least = self.repaired(goal, z, factor)
-        stress, energy = self.balanced_stress(start, z, pi)
-        return Adjoint(z, stress, pi, energy, least)
+        stress, sprung, energy = self.balanced_stress(start, z, pi)
+        return Adjoint(z, stress, pi, energy, least, sprung)
 
     def admits(self, goal: GoalTerms, adjoint: Adjoint, factor: float) -> bool:
         """Whether the conditions hold for another lambda."""
@@ -368,7 +371,7 @@ class AdjointProblem(AdjointConditions):
 
     def balanced_stress(
         self, start: Start, z: np.ndarray, pi: np.ndarray
-    ) -> tuple[np.ndarray, float]:
+    ) -> AdmissibleStress:
         """The stress in equilibrium with the goal's load and the pressure pi that is best for z."""
         goal = start.goal
         bound_data = self.bound_data

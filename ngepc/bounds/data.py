@@ -67,6 +67,18 @@ class BestStress(NamedTuple):
     sprung: np.ndarray
 
 
+class AdmissibleStress(NamedTuple):
+    """The stress of an adjoint.
+
+    ``nodal`` and ``sprung`` as in ``BestStress``; ``energy`` is half the squared difference from
+    the stress of the displacement of the adjoint, in the tangent's compliance, with springs.
+    """
+
+    nodal: np.ndarray
+    sprung: np.ndarray
+    energy: float
+
+
 class BoundData:
     """Geometry, data and spaces of a discrete problem.
 

@@ -10,6 +10,8 @@ is added to the bound.  Here w is affine on each facet, and need not be continuo
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
@@ -54,6 +56,20 @@ class Foundation:
         N = self.N
         pulled = np.matmul(w, self.stiffness) * self.measure[:, None, None]
         return -np.matmul(self._gram[:N, :N], pulled)
+
+    def pulled(self, delta: np.ndarray) -> np.ndarray:
+        """Minus the moments for displacements delta (N nf, N) of all facets, same shape."""
+        result = np.zeros_like(delta).reshape(-1, self.N, self.N)
+        own = delta.reshape(result.shape)[self.facets]
+        result[self.facets] = -self.moments(own)
+        return result.reshape(delta.shape)
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """The stiffness between the components at the vertices, (facets, N^2, N^2)."""
+        N = self.N
+        mass = self.measure[:, None, None] * self._gram[:N, :N]
+        return np.einsum("fab,fij->faibj", mass, self.stiffness).reshape(-1, N**2, N**2)
 
     def added(self, moments: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Facet moments (nf, N, N) together with those of the tractions -K w."""

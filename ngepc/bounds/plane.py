@@ -12,7 +12,13 @@ import numpy as np
 from ngepc._deprecated import old_names
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import Completed, Conjugate
-from ngepc.bounds.data import BestStress, BoundData, Effort, stress_coordinates
+from ngepc.bounds.data import (
+    AdmissibleStress,
+    BestStress,
+    BoundData,
+    Effort,
+    stress_coordinates,
+)
 from ngepc.bounds.element import ELEMENTS, PAIRS
 from ngepc.bounds.levels import TwoLevels
 from ngepc.bounds.polynomials import portions
@@ -326,22 +332,24 @@ class PlaneBoundData(BoundData):
         near: np.ndarray,
         z: np.ndarray,
         moments: np.ndarray,
-    ) -> tuple[np.ndarray, float]:
+    ) -> AdmissibleStress:
         """An admissible stress near the tangent's stress of z, at nodes, and its error.
 
         ``near`` (nodes, N) are displacements whose stress is in equilibrium with the facet
-        ``moments``, tested with hat functions.  The error is half the squared difference of the
-        stresses in the tangent's compliance.
+        ``moments``, tested with hat functions; springs are added to these.  The error is half the
+        squared difference of the stresses in the tangent's compliance.
         """
         stress = self.answer(tangent, near)
         strain = self.discrete.points.strain(z)
         at_points = stress_coordinates(*strain, 0.0)
         quadratic = TangentCompliance(search.compliance)
         functional = StressFunctional(self.space, quadratic, self.on_parts(at_points))
-        tau = self.admissible(stress, moments)
+        w = self.foundation.affine(near)
+        tau = self.admissible(stress, self.foundation.added(moments, w))
         missed = missed_energy(functional, quadratic, tau)
+        missed += float(self.foundation.gaps(z, w).sum())
         tau, left = search.tightened(functional, tau, missed, ADJOINT_GAIN, MOST_STEPS)
-        return self.space.at_nodes(tau), left
+        return AdmissibleStress(self.space.at_nodes(tau), w, left)
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).

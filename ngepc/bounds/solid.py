@@ -12,6 +12,8 @@ matrix of displacements of order one, which is the coarse space of conjugate gra
 For displacements of order two the stress is computed from the solution of order one on the same
 mesh.
 
+On facets with springs of stiffness K the traction is g - K (u + delta), so that S contains K there.
+
 After the iteration the tractions still jump a little.  They are averaged, brought into equilibrium
 at each vertex by ``Patches``, and the stresses are built from them again: they are admissible after
 any number of iterations.
@@ -30,6 +32,7 @@ from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.data import (
     BALANCED,
     PASSES,
+    AdmissibleStress,
     BestStress,
     BoundData,
     Effort,
@@ -38,6 +41,7 @@ from ngepc.bounds.data import (
     strain_coordinates,
 )
 from ngepc.bounds.element import ELEMENTS
+from ngepc.bounds.foundation import Foundation
 from ngepc.bounds.polynomials import RULE, TO_NODES, portions
 from ngepc.bounds.simplices import FACETS
 from ngepc.bounds.transfer import lowered_problem
@@ -78,7 +82,10 @@ class Faces:
     unit normal where the normal component of delta is held, zero elsewhere; None if nowhere.
     """
 
-    def __init__(self, boundary: Boundary, piola: np.ndarray) -> None:
+    def __init__(
+        self, boundary: Boundary, foundation: Foundation, piola: np.ndarray
+    ) -> None:
+        self.foundation = foundation
         self.cells = c = boundary.cells
         self.free = np.repeat(boundary.given | ~c.outer[:, None], 3, axis=0)
         self._given = self.free.astype(float)
@@ -108,6 +115,7 @@ class Faces:
             stresses[part] = -np.matmul(inverse, pulled)[:, :, 0]
             self._inverse[part] = inverse
             self._add_to_faces(D, inverse, part)
+        D[self.foundation.facets] += self.foundation.blocks.astype(SINGLE)
         self._invert_faces(D)
         return self.moments(stresses) + self._turned(
             loads @ ELEMENT.moments[:, FREE:].T
@@ -175,7 +183,8 @@ class Faces:
         """S delta, zero where supports hold."""
         reference = (self.stresses(delta) @ OWN_SINGLE.T).reshape(-1, 12, 3)
         moments = np.matmul(reference, self._jacobian.transpose(0, 2, 1))
-        return self.kept(self.cells.sums(moments))
+        pulled = self.foundation.pulled(delta)
+        return self.kept(self.cells.sums(moments) + pulled)
 
 
 class SolidSearch(NamedTuple):
@@ -193,7 +202,7 @@ class SolidBoundData(BoundData):
     def __init__(self, discrete: DiscreteProblem) -> None:
         super().__init__(discrete)
         if self.problem.order == 1:
-            self.faces = Faces(self.boundary, self.piola)
+            self.faces = Faces(self.boundary, self.foundation, self.piola)
             return
         self.weights = np.full(len(TO_NODES[4]), 1 / len(TO_NODES[4]))
         self.lower = SolidBoundData(DiscreteProblem(lowered_problem(self.problem)))
@@ -205,17 +214,18 @@ class SolidBoundData(BoundData):
             return self._best_of_lower(state)
         z = self.stress(state)
         factorise(state, tangent)
-        stress, P = self._nearest(state, tangent, z, P)
+        stress, P, w = self._nearest(state, tangent, z, P)
         for _ in range(self.effort.newton):
-            stress, P = self._nearest(state, tangent, stress.mean(axis=1), P)
-        return BestStress(stress, stress.mean(axis=1, keepdims=True), P, None)
+            stress, P, w = self._nearest(state, tangent, stress.mean(axis=1), P)
+        return BestStress(stress, stress.mean(axis=1, keepdims=True), P, None, w)
 
     def _nearest(
         self, state: State, tangent: Factors, z: np.ndarray, P: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The best admissible stress, at nodes, for phi* expanded around stresses z (nt, 6).
 
-        The pressure is optimised as well, starting from P.
+        The pressure is optimised as well, starting from P, and so is the w of ``foundation``: the
+        other results.
         """
         faces = self.faces
         at = self.conjugate.completed(z[:, None])
@@ -223,15 +233,36 @@ class SolidBoundData(BoundData):
         off = strain_coordinates(state) - self.conjugate.gradient(at)[:, 0]
         aim = z + np.linalg.solve(H, off[:, :, None])[:, :, 0]
         own = self.constant_moments(aim) + faces.fill(H, self.carried.inner)
+        w = self.foundation.affine(state.u)
         P, found = self.sharpened(state, tangent, own, P)
         given = self.loads(state, P)[0]
-        b = given.reshape(-1, 3) - self.cells.sums(own)
+        b = self.foundation.added(given, w).reshape(-1, 3) - self.cells.sums(own)
         found = self.displacements(tangent, b, self.effort.gain, found)
-        own = own + faces.moments(faces.stresses(found[0]))
-        own = self.balanced_moments(tangent, own, given)
+        stress, w = self._built_from(tangent, own, given, w, found[0])
+        return stress, P, w
+
+    def _built_from(
+        self,
+        tangent: Factors,
+        own: np.ndarray,
+        given: np.ndarray,
+        w: np.ndarray,
+        delta: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The admissible stress, at nodes, that the displacements delta lead to, and its w.
+
+        ``own`` are the moments for delta = 0, w the displacement of the foundation then, ``given``
+        the moments of tractions without springs.
+        """
+        faces = self.faces
+        own = own + faces.moments(faces.stresses(delta))
+        w = w + delta.reshape(-1, 3, 3)[self.foundation.facets]
+        own, w = self.balanced_moments(tangent, own, given, w)
         needed = np.matmul(CORNER_SUMS, own)
-        table = ELEMENT.of_data
-        return self.built(own.reshape(-1, 4, 3, 3), needed, given, table), P
+        given = self.foundation.added(given, w)
+        return self.built(
+            own.reshape(-1, 4, 3, 3), needed, given, ELEMENT.of_data
+        ), w
 
     def _best_of_lower(self, state: State) -> BestStress:
         """The same for displacements of order two."""
@@ -243,7 +274,7 @@ class SolidBoundData(BoundData):
         P = lower.contact.pressure(found.state.multipliers)
         found = lower.best_stress(self.lower_state, tangent, P)
         at_points = at_points_of_parts(found.nodal)
-        return BestStress(found.nodal, at_points, found.pressure, None)
+        return BestStress(found.nodal, at_points, found.pressure, None, found.sprung)
 
     def search(self, state: State) -> SolidSearch:
         """The matrices of the tetrahedra for the tangent of a state."""
@@ -261,12 +292,12 @@ class SolidBoundData(BoundData):
         near: np.ndarray,
         z: np.ndarray,
         moments: np.ndarray,
-    ) -> tuple[np.ndarray, float]:
+    ) -> AdmissibleStress:
         """An admissible stress near the tangent's stress of z, at nodes, and its error.
 
         ``near`` (nodes, N) are displacements whose stress is in equilibrium with the facet
-        ``moments``, tested with hat functions.  The error is half the squared difference of the
-        stresses in the tangent's compliance.
+        ``moments``, tested with hat functions; springs are added to these.  The error is half the
+        squared difference of the stresses in the tangent's compliance.
         """
         faces = search.faces
         other = copy(self)
@@ -275,18 +306,25 @@ class SolidBoundData(BoundData):
         added = np.zeros_like(own)
         if self.carried.inner.any():
             added = faces.fill(search.compliance, self.carried.inner)
-        b = moments.reshape(-1, 3) - self.cells.sums(own + added)
+        w = self.foundation.affine(near)
+        b = self.foundation.added(moments, w).reshape(-1, 3)
+        b = b - self.cells.sums(own + added)
         delta, _ = other.displacements(tangent, b, self.effort.gain)
-        own = own + added + faces.moments(faces.stresses(delta))
-        own = other.balanced_moments(tangent, own, moments)
-        needed = np.matmul(CORNER_SUMS, own)
-        tau = self.built(own.reshape(-1, 4, 3, 3), needed, moments, ELEMENT.of_data)
-        return tau, self.missed_energy(state, tangent, z, tau)
+        tau, w = other._built_from(tangent, own + added, moments, w, delta)
+        return AdmissibleStress(tau, w, self.missed_energy(state, tangent, z, tau, w))
 
     def missed_energy(
-        self, state: State, tangent: Factors, z: np.ndarray, tau: np.ndarray
+        self,
+        state: State,
+        tangent: Factors,
+        z: np.ndarray,
+        tau: np.ndarray,
+        w: np.ndarray,
     ) -> float:
-        """Half the squared difference of stresses tau at nodes and the tangent's stress of z."""
+        """Half the squared difference of stresses tau at nodes and the tangent's stress of z.
+
+        It includes the energy of the springs at z - w.
+        """
         at = self.conjugate.completed(self.on_parts(self.stress(state)))
         H = self.conjugate.compliance(at)
         wanted = self.on_parts(self.answer(tangent, z))
@@ -294,7 +332,8 @@ class SolidBoundData(BoundData):
         square = np.einsum(
             "tqc,tqcd,tqd->t", left, np.broadcast_to(H, (*left.shape, 6)), left
         )
-        return float(self.cells.volume @ square) / (2 * left.shape[1])
+        sprung = float(self.foundation.gaps(z, w).sum())
+        return float(self.cells.volume @ square) / (2 * left.shape[1]) + sprung
 
     def sharpened(
         self, state: State, tangent: Factors, own: np.ndarray, P: np.ndarray
@@ -309,13 +348,17 @@ class SolidBoundData(BoundData):
         normals = self.cells.normal[on][:, None]
         faces.closed = np.zeros(faces.free.shape)
         faces.closed[slots] = closed[:, :, None] * normals
-        b = self.loads(state, P)[0].reshape(-1, 3) - self.cells.sums(own)
+        w = self.foundation.affine(state.u)
+        given = self.foundation.added(self.loads(state, P)[0], w)
+        b = given.reshape(-1, 3) - self.cells.sums(own)
         start = np.zeros(faces.free.shape)
         left = self.contact.affine_slack(state.u)
         start[slots] = (closed * left)[:, :, None] * normals
         found = self.displacements(tangent, b, LOOSER * self.effort.gain, (start, 0.0))
         faces.closed = None
         sums = self.cells.sums(own + faces.moments(faces.stresses(found[0])))
+        pulled = self.foundation.added(np.zeros_like(given), w).reshape(-1, 3)
+        sums = sums - pulled + self.foundation.pulled(found[0])
         pressed = (
             -(sums[slots] * normals).sum(axis=2) * 12 / self.cells.measure[on, None]
         )
@@ -355,20 +398,25 @@ class SolidBoundData(BoundData):
         return delta + change, total
 
     def balanced_moments(
-        self, tangent: Factors, own: np.ndarray, given: np.ndarray
-    ) -> np.ndarray:
-        """Moments with the given sums at the vertices: moments of constant stresses are added."""
+        self, tangent: Factors, own: np.ndarray, given: np.ndarray, w: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Moments with the given sums at the vertices: moments of constant stresses are added.
+
+        The given moments are without springs; those at w (elastic facets, 3, 3) are added.  The
+        second result is w after the change.
+        """
         c = self.cells
         size = np.abs(own).max()
         for _ in range(PASSES):
-            missing = self.faces.kept(given.reshape(-1, 3) - c.sums(own))
+            wanted = self.foundation.added(given, w).reshape(-1, 3)
+            missing = self.faces.kept(wanted - c.sums(own))
             missing = c.at_nodes(missing, c.facets)
             if np.abs(missing).max() <= BALANCED * size:
                 break
-            own = own + self.constant_moments(
-                self.answer(tangent, tangent.solve(missing))
-            )
-        return own
+            change = tangent.solve(missing)
+            own = own + self.constant_moments(self.answer(tangent, change))
+            w = w + change[self.foundation.nodes]
+        return own, w
 
     def constant_moments(self, z: np.ndarray) -> np.ndarray:
         """Outward moments (nt, 12, 3) of constant stresses z (nt, 6)."""
