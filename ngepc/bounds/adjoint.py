@@ -228,6 +228,7 @@ class AdjointProblem(AdjointConditions):
         rows = bound_data.discrete.rows
         self._rows = rows.normal.tocsr()
         count = len(rows)
+        error = max(error, ROUNDING**2)  # that of an exact solution may be negative
         self.tolerance = min(LOOSEST, HELD * math.sqrt(error / max(count, 1)))
         if compliance is None:
             compliance = Compliance(1 / bound_data.discrete.row_stiffness[:count])
@@ -292,7 +293,9 @@ class AdjointProblem(AdjointConditions):
         trace, deviator = points.strain(start.base.z + start.lift)
         mean, stress = self.tangent.moduli.stress(trace, deviator)
         stored = points.integral(mean * trace + dots(stress, deviator)) / 2
-        return stored + spring_energy(self.bound_data.discrete, start.base.z + start.lift)
+        return stored + spring_energy(
+            self.bound_data.discrete, start.base.z + start.lift
+        )
 
     def of(self, start: Start, factor: float) -> Adjoint:
         """An admissible pair for lambda >= ``least``, made for the ``factor`` lambda."""

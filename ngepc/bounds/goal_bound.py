@@ -349,7 +349,9 @@ class GoalProblem:
         centre = float(np.vdot(terms.forces(self.bound_data), state.u))
         centre += float(np.vdot(self.bound_data.discrete.load, adjoint.z))
         centre += chosen.integrand.residual
-        centre -= float(np.vdot(self.bound_data.discrete.supports.pull(state.u), adjoint.z))
+        centre -= float(
+            np.vdot(self.bound_data.discrete.supports.pull(state.u), adjoint.z)
+        )
         centre += float(contact.opening(state.u, adjoint.pressure).sum())
         rounding = ROUNDING * float(
             np.vdot(np.abs(self.bound_data.discrete.load), np.abs(adjoint.z))

@@ -260,9 +260,7 @@ class SolidBoundData(BoundData):
         own, w = self.balanced_moments(tangent, own, given, w)
         needed = np.matmul(CORNER_SUMS, own)
         given = self.foundation.added(given, w)
-        return self.built(
-            own.reshape(-1, 4, 3, 3), needed, given, ELEMENT.of_data
-        ), w
+        return self.built(own.reshape(-1, 4, 3, 3), needed, given, ELEMENT.of_data), w
 
     def _best_of_lower(self, state: State) -> BestStress:
         """The same for displacements of order two."""

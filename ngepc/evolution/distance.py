@@ -28,6 +28,7 @@ import numpy as np
 
 from ngepc.bounds.bound import error_bound
 from ngepc.local.result import ExactResult
+from ngepc.model.data import same_fields
 from ngepc.model.problem import Problem
 
 PROVED = {
@@ -35,6 +36,7 @@ PROVED = {
     "order 2": "order 2 (plastic strains are interpolated between steps)",
     "material": "a material that changes between steps",
     "law": "a nonlinear hardening law",
+    "springs": "springs that change between steps",
 }
 """Properties that the proof does not cover."""
 
@@ -84,11 +86,13 @@ def distance_of(steps: Sequence[SolvedStep]) -> DistanceBound:
     totals = np.array([max(bound.total, 0.0) for bound in bounds])
     problems = [step.problem for step in steps]
     material = problems[0].material
+    changed = [not same_fields(problems[0], p, "springs") for p in problems]
     found = {
         "contact": any(problem.contact_names for problem in problems),
         "order 2": any(problem.order == 2 for problem in problems),
         "material": any(problem.material is not material for problem in problems),
         "law": material.law is not None,
+        "springs": any(changed),
     }
     reasons = [PROVED[name] for name, there in found.items() if there]
     messages = {bound.message for bound in bounds if not bound.guaranteed}

@@ -18,7 +18,7 @@ from ngsolve import (
 )
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
-from ngepc.bounds.bound import error_bound
+from ngepc.bounds.bound import data_on, error_bound
 from ngepc.bounds.element import ELEMENTS, PAIRS
 from ngepc.geometries import block, lshape, wrench
 
@@ -86,6 +86,18 @@ def dragged():
     )
 
 
+def on_springs():
+    """A block on a foundation with a load on it, and a side on a normal one."""
+    return Problem(
+        block.mesh(0.25, (1.0, 0.7)),
+        MATERIAL,
+        clamped=None,
+        traction={"right": TRACTION, "clamped": (0.5, 0.0)},
+        springs={"clamped": (2e3, 5e2), "left": 1e2},
+        body_force=(1.0, -2.0),
+    )
+
+
 PROBLEMS = {
     "lshape": lambda: lshape_problem(lshape.paper_mesh(113)),
     "wrench": lambda: wrench_problem(wrench.paper_mesh(245)),
@@ -94,8 +106,9 @@ PROBLEMS = {
     "rollers in two dimensions": lambda: rollers("two-dimensional"),
     "tangential roller": tangential_roller,
     "friction": dragged,
+    "springs": on_springs,
 }
-TWICE = ("lshape", "wrench", "pressed block", "rollers", "friction")
+TWICE = ("lshape", "wrench", "pressed block", "rollers", "friction", "springs")
 PROBLEMS |= {f"{name}, order 2": lambda name=name: of_order_two(name) for name in TWICE}
 
 
@@ -219,8 +232,17 @@ def given_traction(problem, name, points, n):
     return np.array([g, g])
 
 
+def pulled_by_springs(bound):
+    """{edge: tractions of the springs at its ascending vertices}"""
+    foundation = data_on(bound.state.discrete).foundation
+    ends = foundation.nodes[:, :2].tolist()
+    pulled = -np.matmul(bound.sprung, foundation.stiffness)
+    return {tuple(end): traction for end, traction in zip(ends, pulled, strict=True)}
+
+
 def test_boundary(bound):
     """Given tractions hold; contact presses, with no more shear than friction allows."""
+    springs = pulled_by_springs(bound)
     problem, found = bound.problem, tractions(bound)
     held = {name: (True, True) for name in problem.clamped_names}
     for names, values in (problem.prescribed or {}).items():
@@ -245,6 +267,7 @@ def test_boundary(bound):
         free = ~np.array(held.get(segment.mat, (False, False)))
         points = np.asarray(mesh.ngmesh.Coordinates())[list(ends), :2]
         expected = given_traction(problem, segment.mat, points, n)
+        expected = expected + springs.get(ends, 0.0)
         expected = np.concatenate([expected, expected.mean(axis=0, keepdims=True)])[
             : len(sn)
         ]

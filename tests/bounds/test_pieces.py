@@ -39,7 +39,7 @@ def test_stresses_are_put_into_equilibrium_with_other_loads(load, factor):
     discrete = bound_data.discrete
     points = discrete.points
     given = factor * discrete.load
-    stress = bound_data.balanced(state, Factors(discrete, "sparsecholesky"), given)
+    stress, _ = bound_data.balanced(state, Factors(discrete, "sparsecholesky"), given)
     random = np.random.default_rng(0)
     for _ in range(3):
         v = np.where(discrete.free, random.normal(size=given.shape), 0.0)

@@ -16,6 +16,9 @@ CHOSEN = [
     (7, "friction, order 2", 2),
     (5, "varying loads", 1),
     (7, "solid", 2),
+    (3, "springs", 3),
+    (4, "springs, order 2", 1),
+    (5, "springs, solid", 1),
 ]
 """Seeds, kinds, and how many problems; the campaign of crossings has 200 of each kind."""
 

@@ -27,7 +27,10 @@ KINDS = (
 )
 """Kinds of problems: those of ``build`` with one feature added; solids are cubes."""
 
-BISECTIONS = {"solid": 1}
+WIDER = ("springs", "springs, order 2", "springs, solid")
+"""More kinds, with elastic foundations: ``--rows "springs,springs, order 2"``."""
+
+BISECTIONS = {"solid": 1, "springs, solid": 1}
 """Number of bisections of all elements for the reference; twice in the plane."""
 
 HEAD = ("group", "problems", "failures", "least margin", "median bound / error",
@@ -87,6 +90,8 @@ def problem_of(draw, kind):
     )
     if kind.endswith("order 2"):
         problem = replace(problem, order=2)
+    if kind.startswith("springs"):
+        return with_springs(problem, draw)
     if rough:
         return replace(problem, friction=stress * (0.1 + 0.1 * draw.maxh * x / size))
     if kind == "varying loads":
@@ -101,9 +106,29 @@ def problem_of(draw, kind):
     return problem
 
 
+def with_springs(problem, draw):
+    """The problem with springs between a hundredth and a hundred times the stiffness of the body.
+
+    They resist the normal displacement of the loaded boundary, or the components on that of
+    contact or load, or they take the place of the clamp.
+    """
+    body = BODIES[draw.body]
+    size = body.length * 10**draw.length_unit
+    power = 4 * (1e4 * draw.maxh % 1) - 2
+    k = problem.material.lame_mu / size * 10**power
+    each = tuple(k * (1 + axis) for axis in range(problem.N))
+    if draw.kind == "isotropic":
+        return replace(problem, clamped=None, springs={body.clamped: each})
+    if draw.kind == "kinematic":
+        return replace(problem, springs={body.load: k})
+    place = body.load if problem.contact_names else body.contact
+    return replace(problem, springs={place: each})
+
+
 def random_draws(seed, kind):
     """An endless sequence of draws for problems of a kind; the L-shape mostly opens its gap."""
-    drawn = (d for d in draws(seed) if (d.body == "cube") == (kind == "solid"))
+    solid = kind.endswith("solid")
+    drawn = (d for d in draws(seed) if (d.body == "cube") == solid)
     return (d for d in drawn if not kind.startswith("friction") or d.body != "lshape")
 
 

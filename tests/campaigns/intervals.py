@@ -21,6 +21,7 @@ from ngepc.bounds.verdicts import FINEST
 from ngepc.studies.work import Work
 
 KINDS = ("order 1", "order 2")
+"""Kinds of ``campaigns.crossings``; ``--rows`` chooses others."""
 FINER = 2
 """How often cells are bisected for the fine value, which has order two."""
 ROUNDED = 1e-6
@@ -40,7 +41,9 @@ CHANGE = 0.01
 def goals_of(problem, draw):
     """Goals of a random problem, by name."""
     body = BODIES[draw.body]
-    goals = {"work": "work", "reaction": Reaction(body.clamped, 0)}
+    goals = {"work": "work"}
+    if problem.clamped_names:
+        goals["reaction"] = Reaction(body.clamped, 0)
     if "|" not in body.load:
         goals["mean displacement"] = MeanDisplacement(body.load, 0)
     if problem.contact_names:
@@ -66,12 +69,13 @@ class Intervals(Work):
 
     Parameters
     ----------
-    count, seed
-        How many problems, and the seed of their sequence.
+    count, seed, rows
+        How many problems of each kind, the seed of their sequence, and the kinds.
     """
 
     count: int = 55
     seed: int = 1
+    rows: tuple[str, ...] = KINDS
 
     name, title = "intervals", "Intervals of goals compared with fine values"
     columns = " | ".join([" = {group}", *(f"{head} = {{{head}}}" for head in HEAD[1:])])
@@ -81,7 +85,7 @@ class Intervals(Work):
         return [
             {"seed": self.seed, "kind": kind, "number": number}
             for number in range(1, self.count + 1)
-            for kind in KINDS
+            for kind in self.rows
         ]
 
     def solve(self, seed, kind, number):
@@ -119,7 +123,7 @@ class Intervals(Work):
         """A row for each kind and goal."""
         rows = []
         names = sorted({f["goal"] for r in records for f in r["found"]})
-        for kind in KINDS:
+        for kind in self.rows:
             group = [r for r in records if r["kind"] == kind]
             for name in names:
                 found = [f for r in group for f in r["found"] if f["goal"] == name]

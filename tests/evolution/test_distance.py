@@ -86,3 +86,12 @@ def test_with_contact_it_is_an_estimate():
     bound = evolve(pushed, [(1.0, {})]).distance_bound
     assert not bound.guaranteed
     assert "contact" in bound.message
+
+
+def test_springs_may_not_change():
+    held = pulled(MATERIALS["kinematic"], springs={"contact": 10.0})
+    bound = evolve(held, [(1.0, {}), (2.0, {})]).distance_bound
+    assert bound.guaranteed
+    stiffer = {"springs": {"contact": 20.0}}
+    bound = evolve(held, [(1.0, {}), (2.0, stiffer)]).distance_bound
+    assert "springs that change between steps" in bound.message
