@@ -46,7 +46,8 @@ class Adjoint:
     ``BoundData`` gives to stresses; ``pressure`` is minus its normal traction at the vertices of
     the contact facets; ``energy`` is half the squared residual of the pair in the tangent's law;
     ``least`` is the smallest factor lambda for which the conditions hold; the traction of the
-    stress on springs of stiffness K is -K ``sprung`` (elastic facets, N, N), at vertices.
+    stress on springs of stiffness K is -K ``sprung`` (elastic facets, N, N), at vertices;
+    ``friction`` (facets, N, N) is minus its tangential traction on contact, at vertices.
     """
 
     z: np.ndarray
@@ -55,6 +56,7 @@ class Adjoint:
     energy: float
     least: float
     sprung: np.ndarray
+    friction: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,8 +228,13 @@ class AdjointProblem(AdjointConditions):
         factorise(state.with_radial_return(), tangent)
         self.tangent = tangent
         rows = bound_data.discrete.rows
-        self._rows = rows.normal.tocsr()
-        count = len(rows)
+        conditions = bound_data.discrete.contact
+        self._rows = conditions.matrix.tocsr()
+        self._normals = len(rows)
+        count = len(conditions)
+        of_friction = bound_data.contact.friction(state)
+        used = np.linalg.norm(of_friction, axis=2)
+        self._spare = np.maximum(bound_data.boundary.friction - used, 0.0)
         error = max(error, ROUNDING**2)  # that of an exact solution may be negative
         self.tolerance = min(LOOSEST, HELD * math.sqrt(error / max(count, 1)))
         if compliance is None:
@@ -279,7 +286,9 @@ class AdjointProblem(AdjointConditions):
             strain = discrete.points.strain(lift)
             pulled = discrete.points.forces(*self.tangent.moduli.stress(*strain))
             forces = forces - pulled - discrete.supports.pull(lift)
-        wanted = self.of_rows(goal) - self._rows @ lift.ravel()
+        wanted = np.zeros(self._rows.shape[0])
+        wanted[: self._normals] = self.of_rows(goal)
+        wanted -= self._rows @ lift.ravel()
         return Start(goal, forces, lift, wanted, self.pressed_rows(forces, wanted))
 
     def pressed_rows(self, forces: np.ndarray, wanted: np.ndarray) -> Held:
@@ -309,11 +318,11 @@ class AdjointProblem(AdjointConditions):
                 self.state, self.tangent, z, of_lower.stress, of_lower.sprung
             )
             return replace(of_lower, z=z, energy=energy, least=least)
-        pi = self._pressed(start, factor)
+        pi, rho = self._pressed(start, factor)
         pi = np.clip(pi, -factor * self.P, factor * self.P)
         z, least = self.repaired(goal, z, factor)
-        stress, sprung, energy = self.balanced_stress(start, z, pi)
-        return Adjoint(z, stress, pi, energy, least, sprung)
+        stress, sprung, energy = self.balanced_stress(start, z, pi, rho)
+        return Adjoint(z, stress, pi, energy, least, sprung, rho)
 
     def admits(self, goal: GoalTerms, adjoint: Adjoint, factor: float) -> bool:
         """Whether the conditions hold for another lambda."""
@@ -321,17 +330,34 @@ class AdjointProblem(AdjointConditions):
             return True
         if (np.abs(adjoint.pressure) > factor * self.P).any():
             return False
+        drag = np.linalg.norm(adjoint.friction, axis=2)
+        if (drag > factor * self._spare).any():
+            return False
         return math.isfinite(self.least(goal, adjoint.z, factor))
 
     @cached_property
     def presses(self) -> np.ndarray:
-        """Active contact rows, as booleans."""
+        """Active contact rows, and with friction those that stick, as booleans."""
         multipliers = self.state.multipliers
-        return multipliers > TOUCHES * max(multipliers.max(initial=0.0), 1e-300)
+        active = multipliers > TOUCHES * max(multipliers.max(initial=0.0), 1e-300)
+        conditions = self.bound_data.discrete.contact
+        bound = conditions.bound(self.state.contact)
+        sticks = (bound > 0) & ~self.state.sliding
+        return np.append(active, np.repeat(sticks, conditions.friction.d))
+
+    def _most(self, factor: float) -> np.ndarray:
+        """The largest forces of the rows of an adjoint, for lambda."""
+        conditions = self.bound_data.discrete.contact
+        drag = np.linalg.norm(self.state.tangential_forces, axis=1)
+        left = np.maximum(conditions.bound(self.state.contact) - drag, 0.0)
+        d = conditions.friction.d
+        each = np.repeat(left, d) / math.sqrt(max(d, 1))
+        return factor * np.append(self.state.multipliers, each)
 
     def _steered(self, found: Held, wanted: np.ndarray, factor: float) -> np.ndarray:
         """z with the rows held that have a pressure or violate the conditions."""
-        gap = np.maximum(self.state.gaps[: len(wanted)], 0.0)
+        gap = np.full(len(wanted), np.inf)  # slips have no condition
+        gap[: self._normals] = np.maximum(self.state.open_gap, 0.0)
         chosen = self.presses.copy()
         values = wanted.copy()
         for _ in range(HOLDS):
@@ -345,9 +371,12 @@ class AdjointProblem(AdjointConditions):
             found = self.held(found, chosen, values)
         return found.z
 
-    def _pressed(self, start: Start, factor: float) -> np.ndarray:
-        """Pi at the vertices of facets: rows that press hold, with forces at most lambda P."""
-        most = factor * self.state.multipliers
+    def _pressed(self, start: Start, factor: float) -> tuple[np.ndarray, np.ndarray]:
+        """Pi and rho at the vertices of facets: rows that press or stick hold.
+
+        Their forces are at most lambda P, and lambda times what friction has left.
+        """
+        most = self._most(factor)
         fixed = np.zeros(len(start.wanted), dtype=bool)
         found = start.base
         for _ in range(HOLDS):
@@ -361,7 +390,16 @@ class AdjointProblem(AdjointConditions):
             self._compliance.learn(change, self._rows @ answer.ravel())
             found = Held(found.z - answer, mu + change)
             found = self.held(found, self.presses & ~fixed, start.wanted)
-        return self.bound_data.contact.stresses(found.forces)
+        contact = self.bound_data.contact
+        rows = self.bound_data.discrete.rows
+        normal, along = np.split(found.forces, [self._normals])
+        if not len(along):
+            return contact.stresses(normal), np.zeros(
+                (*self.P.shape, rows.normals.shape[1])
+            )
+        along = along.reshape(rows.tangents.shape[:2])
+        forces = np.einsum("md,mdc->mc", along, rows.tangents)
+        return contact.stresses(normal), contact.drag(forces, factor * self._spare)
 
     def of_rows(self, goal: GoalTerms) -> np.ndarray:
         """The number c at each row: the largest of the facets around it."""
@@ -373,9 +411,9 @@ class AdjointProblem(AdjointConditions):
         return at_nodes[rows.nodes]
 
     def balanced_stress(
-        self, start: Start, z: np.ndarray, pi: np.ndarray
+        self, start: Start, z: np.ndarray, pi: np.ndarray, rho: np.ndarray
     ) -> AdmissibleStress:
-        """The stress in equilibrium with the goal's load and the pressure pi that is best for z."""
+        """The stress that is best for z, in equilibrium with the goal's load, pi and rho."""
         goal = start.goal
         bound_data = self.bound_data
         discrete = bound_data.discrete
@@ -383,7 +421,7 @@ class AdjointProblem(AdjointConditions):
         moments, carried = goal.carried(bound_data)
         moments = moments.copy()
         N = bound_data.cells.N
-        pushed = contact.moments(pi[:, :, None] * contact.normal[:, None])
+        pushed = contact.moments(pi[:, :, None] * contact.normal[:, None] + rho)
         moments[bound_data.boundary.contact] -= pushed[:, :N]
         forces = start.forces.copy()
         np.subtract.at(forces, contact.nodes, pushed)

@@ -263,24 +263,39 @@ class ContactFacets:
         rows = self.discrete.rows
         bound = self.boundary.friction
         forces = np.einsum("md,mdc->mc", state.tangential_forces, rows.tangents)
+        return self.drag(forces, bound)
+
+    def drag(self, forces: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """Tangential tractions of at most a size (facets, N), from forces of the rows (m, N)."""
         stress = np.append(self._stress(forces), np.zeros((1, self.N)), axis=0)
         T = self._across(stress[self.row_of])
         size = np.linalg.norm(T, axis=2)
-        return (np.minimum(size, bound) / np.where(size > 0, size, 1.0))[:, :, None] * T
+        return (np.minimum(size, most) / np.where(size > 0, size, 1.0))[:, :, None] * T
 
     def slip(self, u: np.ndarray) -> np.ndarray:
         """The slip of the nodes (length), (facets, nodes, N)."""
-        return self._across((u - self._start)[self.nodes])
+        return self.tangential(u - self._start)
+
+    def tangential(self, u: np.ndarray) -> np.ndarray:
+        """The tangential displacements at ``nodes``, (facets, nodes, N)."""
+        return self._across(u[self.nodes])
+
+    def works(self, tractions: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """int t . u over each facet for t at vertices (facets, N, N), u at ``nodes``."""
+        return (self.moments(tractions) * u).sum(axis=(1, 2))
 
     def friction_works(self, u: np.ndarray) -> np.ndarray:
-        """No less than int F |slip| over each facet: |slip| is convex there.
+        """No less than int F |slip| over each facet, for nodal displacements."""
+        if not self.boundary.friction.any():
+            return np.zeros(len(self.owner))
+        return self.friction_works_of(self.slip(u))
+
+    def friction_works_of(self, slip: np.ndarray) -> np.ndarray:
+        """The same for slips at ``nodes``: their size is convex on a facet.
 
         For parabolas the norms of the Bernstein coefficients are used.
         """
         F = self.boundary.friction
-        if not F.any():
-            return np.zeros(len(F))
-        slip = self.slip(u)
         size = np.linalg.norm(slip[:, : self.N], axis=2)
         if self.problem.order == 1:
             return (self.moments(F[:, :, None])[:, :, 0] * size).sum(axis=1)
@@ -302,6 +317,5 @@ class ContactFacets:
 
     def gaps(self, state: State, P: np.ndarray) -> np.ndarray:
         """The integral of P (psi - u . n) + F |slip| - T . slip over each facet."""
-        dragged = self.moments(self.friction(state)) * self.slip(state.u)
-        result = self.opening(state.u, P)
-        return result - dragged.sum(axis=(1, 2)) + self.friction_works(state.u)
+        dragged = self.works(self.friction(state), self.slip(state.u))
+        return self.opening(state.u, P) - dragged + self.friction_works(state.u)

@@ -43,7 +43,7 @@ from ngepc.local.result import ExactResult
 from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem
 
-COVERS = BOUNDED - {"friction", "plane stress"}
+COVERS = BOUNDED - {"plane stress"}
 COVERS -= {"anisotropic yield", "cyclic hardening"}
 """Features that goal bounds cover."""
 
@@ -53,6 +53,8 @@ TRIES = 20
 BELOW = 0.75
 ABOVE = 1.3
 """An adjoint is kept if the best lambda over its own one is expected to be between these."""
+SLIDING = (0.25, 0.5, 0.75, 0.95)
+"""With friction lambdas are tried for which so many nodes have |z_t| <= lambda |s_h|."""
 REBUILDS = 2
 LARGEST = 1e12
 ROUNDING = 1e-12
@@ -181,7 +183,7 @@ def goal_bound(result: object, goal: object) -> GoalBound:
     TypeError
         If ``result`` is not the result of a solver, or ``goal`` is not a goal.
     ValueError
-        For problems that goal bounds do not cover; the message names the argument: friction, plane
+        For problems that goal bounds do not cover; the message names the argument: plane
         stress, loads that vary inside elements, and everything that
         error bounds do not cover.
     RuntimeError
@@ -311,6 +313,7 @@ class GoalProblem:
 
     def _climbed(self, start: Start, found: Candidate) -> Candidate:
         """A candidate with the best lambda that its adjoint admits."""
+        found = self._past_slips(found)
         factor = found.factor
         width = found.width
         for step in (STEP, 1 / STEP):
@@ -324,6 +327,28 @@ class GoalProblem:
                 factor = following
                 width = trial
         return replace(found, factor=factor, width=width)
+
+    def _past_slips(self, found: Candidate) -> Candidate:
+        """The candidate with a larger lambda, if that is better with friction.
+
+        Where lambda |s_h| exceeds |z_t|, friction adds no more than to the error bound.  So the
+        width has several minima as a function of lambda.
+        """
+        contact = self.bound_data.contact
+        if not self.bound_data.boundary.friction.any():
+            return found
+        state = self.bound.state
+        slip = np.linalg.norm(contact.slip(state.u), axis=2)
+        along = np.linalg.norm(contact.tangential(found.adjoint.z), axis=2)
+        slides = slip > state.touching_distance
+        if not slides.any():
+            return found
+        for factor in np.quantile(along[slides] / slip[slides], SLIDING).tolist():
+            if factor > found.factor:
+                width = found.integrand.estimate(factor)
+                if width < found.width:
+                    found = replace(found, factor=factor, width=width)
+        return found
 
     def _candidate(self, start: Start, factor: float) -> Candidate:
         """The adjoint that is made for a lambda, or for a larger one."""

@@ -21,7 +21,7 @@ from ngepc.bounds.bound import ErrorBound
 from ngepc.bounds.conjugate import R6
 from ngepc.bounds.cutting import potential_integrals
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.foundation import Foundation
+from ngepc.bounds.goal_boundary import BoundaryTerms, FrictionTerms, SpringSquares
 from ngepc.bounds.polynomials import (
     NODES,
     RULE,
@@ -70,43 +70,6 @@ class Side:
 
 
 @dataclass(frozen=True, eq=False)
-class SpringSquares:
-    """What springs of stiffness K add to the two suprema.
-
-    For the displacements u and z, and the tractions -K w and -K y of the stresses of bound and
-    adjoint, the supremum on a facet is a . K a / (4 lambda) with a = lambda (u - w) +- (z - y).
-    ``products`` (3, facets) are the integrals of the products, with K, of u - w with itself, of
-    both, and of z - y with itself; ``owner`` are the cells.
-    """
-
-    products: np.ndarray
-    owner: np.ndarray
-
-    @classmethod
-    def of(
-        cls, foundation: Foundation, of_state: np.ndarray, of_adjoint: np.ndarray
-    ) -> SpringSquares:
-        """The products for u - w and z - y (facets, nodes, N)."""
-        pairs = [(of_state, of_state), (of_state, of_adjoint), (of_adjoint, of_adjoint)]
-        products = np.array([foundation.works(a, b) for a, b in pairs])
-        return cls(products, foundation.owner)
-
-    def parts(self, factor: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """What the facets of each of ``count`` cells add to the upper and lower bound."""
-        own, mixed, adjoint = self.products
-        mean = factor * own / 4 + adjoint / (4 * factor)
-        return tuple(
-            np.bincount(self.owner, mean + sign * mixed / 2, minlength=count)
-            for sign in (1.0, -1.0)
-        )
-
-    def width(self, factor: float) -> float:
-        """The sum of both over all facets."""
-        own, _, adjoint = self.products.sum(axis=1)
-        return factor * own / 2 + adjoint / (2 * factor)
-
-
-@dataclass(frozen=True, eq=False)
 class Integrand:
     """The supremum over the parts of the cells.
 
@@ -114,7 +77,8 @@ class Integrand:
     deviator; ``data`` and ``strain`` are constant on each part; ``cell`` and ``volume``
     (parts,) say where a part is; ``opened`` is int P^ gap_h, ``residual`` minus the integral of
     s(eps_h) : eps(z); ``sample`` are parts for the choice of lambda and how many each stands for;
-    ``springs`` is the part of the foundations.
+    ``on_boundary`` are the parts of foundations and
+    friction.
     """
 
     tau: np.ndarray
@@ -126,7 +90,7 @@ class Integrand:
     residual: float
     opened: float
     sample: tuple[np.ndarray, np.ndarray]
-    springs: SpringSquares
+    on_boundary: BoundaryTerms
 
     def side(
         self, sign: float, factor: float, chosen: slice | np.ndarray = slice(None)
@@ -157,7 +121,7 @@ class Integrand:
     def estimate(self, factor: float) -> float:
         """About the width for a factor, by a rule on some of the cells."""
         rows, weights = self.sample
-        total = 2 * factor * self.opened + self.springs.width(factor)
+        total = 2 * factor * self.opened + self.on_boundary.width(factor)
         for sign in (1.0, -1.0):
             total += float(self.side(sign, factor, rows).estimate() @ weights)
         return total
@@ -165,7 +129,7 @@ class Integrand:
     def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
         """Integrals over the cells for tau and for -tau, from above."""
         count = int(self.cell.max()) + 1
-        above, below = self.springs.parts(factor, count)
+        above, below = self.on_boundary.parts(factor, count)
         above = above + self.side(1.0, factor).bounds(count)
         below = below + self.side(-1.0, factor).bounds(count)
         return above, below
@@ -197,20 +161,20 @@ class VaryingIntegrand:
     residual: float
     opened: float
     sample: tuple[np.ndarray, np.ndarray]
-    springs: SpringSquares
+    on_boundary: BoundaryTerms
 
     def estimate(self, factor: float) -> float:
         """About the width for a factor, by a rule on some of the cells."""
         rows, weights = self.sample
         some = self.data.of(rows)
-        total = 2 * factor * self.opened + self.springs.width(factor)
+        total = 2 * factor * self.opened + self.on_boundary.width(factor)
         for data in (some, some.turned()):
             total += float(estimated_integrals(data, factor) @ weights)
         return total
 
     def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
         """Integrals over the cells for tau and for -tau, from above."""
-        above, below = self.springs.parts(factor, self.cells)
+        above, below = self.on_boundary.parts(factor, self.cells)
         above = above + integrals(self.data, factor, self.cells)
         below = below + integrals(self.data.turned(), factor, self.cells)
         return above, below
@@ -255,16 +219,30 @@ class BoundPart:
         law = bound_data.discrete.law
         return completed_near(adjoint.stress, wanted, law, bound_data.each)
 
+    def _on_boundary(self, adjoint: Adjoint) -> BoundaryTerms:
+        """What foundations and friction add for an adjoint."""
+        contact = self._bound_data.contact
+        foundation = self._bound_data.foundation
+        apart = foundation.apart(adjoint.z, adjoint.sprung)
+        springs = SpringSquares.of(foundation, self._sprung, apart)
+        if not self._bound_data.boundary.friction.any():
+            return BoundaryTerms(springs, None)
+        friction = FrictionTerms(
+            contact,
+            contact.slip(self._state.u),
+            contact.tangential(adjoint.z),
+            contact.friction(self._state),
+            adjoint.friction,
+        )
+        return BoundaryTerms(springs, friction)
+
     def integrand(self, adjoint: Adjoint) -> Integrand | VaryingIntegrand:
         """The supremum for an adjoint."""
         bound_data = self._bound_data
         volume, owner = self._parts
         trace, deviator = bound_data.discrete.points.strain(adjoint.z)
         tau = self._on_parts(self.stress(adjoint))
-        foundation = bound_data.foundation
-        apart = foundation.apart(adjoint.z, adjoint.sprung)
-        springs = SpringSquares.of(foundation, self._sprung, apart)
-        rest = self._opened, self._sample, springs
+        rest = self._opened, self._sample, self._on_boundary(adjoint)
         if bound_data.each > 1:
             stresses = tau, self._sigma
             strain = trace[:, None], deviator
