@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ngepc.bounds.contact import BUBBLE, LEVEL, NORMAL_PASSES
-from ngepc.bounds.data import AdmissibleStress, BoundData, factorise, spring_energy
+from ngepc.bounds.data import AdjointStress, BoundData, factorise, spring_energy
 from ngepc.bounds.goal_terms import GoalTerms
 from ngepc.bounds.supremum import dots
 from ngepc.discretisation.factors import Factors
@@ -412,7 +412,7 @@ class AdjointProblem(AdjointConditions):
 
     def balanced_stress(
         self, start: Start, z: np.ndarray, pi: np.ndarray, rho: np.ndarray
-    ) -> AdmissibleStress:
+    ) -> AdjointStress:
         """The stress that is best for z, in equilibrium with the goal's load, pi and rho."""
         goal = start.goal
         bound_data = self.bound_data

@@ -67,7 +67,7 @@ class BestStress(NamedTuple):
     sprung: np.ndarray
 
 
-class AdmissibleStress(NamedTuple):
+class AdjointStress(NamedTuple):
     """The stress of an adjoint.
 
     ``nodal`` and ``sprung`` as in ``BestStress``; ``energy`` is half the squared difference from

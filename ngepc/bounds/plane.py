@@ -13,7 +13,7 @@ from ngepc._deprecated import old_names
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.conjugate import Completed, Conjugate
 from ngepc.bounds.data import (
-    AdmissibleStress,
+    AdjointStress,
     BestStress,
     BoundData,
     Effort,
@@ -332,7 +332,7 @@ class PlaneBoundData(BoundData):
         near: np.ndarray,
         z: np.ndarray,
         moments: np.ndarray,
-    ) -> AdmissibleStress:
+    ) -> AdjointStress:
         """An admissible stress near the tangent's stress of z, at nodes, and its error.
 
         ``near`` (nodes, N) are displacements whose stress is in equilibrium with the facet
@@ -349,7 +349,7 @@ class PlaneBoundData(BoundData):
         missed = missed_energy(functional, quadratic, tau)
         missed += float(self.foundation.gaps(z, w).sum())
         tau, left = search.tightened(functional, tau, missed, ADJOINT_GAIN, MOST_STEPS)
-        return AdmissibleStress(self.space.at_nodes(tau), w, left)
+        return AdjointStress(self.space.at_nodes(tau), w, left)
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).

@@ -32,7 +32,7 @@ from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.data import (
     BALANCED,
     PASSES,
-    AdmissibleStress,
+    AdjointStress,
     BestStress,
     BoundData,
     Effort,
@@ -290,7 +290,7 @@ class SolidBoundData(BoundData):
         near: np.ndarray,
         z: np.ndarray,
         moments: np.ndarray,
-    ) -> AdmissibleStress:
+    ) -> AdjointStress:
         """An admissible stress near the tangent's stress of z, at nodes, and its error.
 
         ``near`` (nodes, N) are displacements whose stress is in equilibrium with the facet
@@ -309,7 +309,7 @@ class SolidBoundData(BoundData):
         b = b - self.cells.sums(own + added)
         delta, _ = other.displacements(tangent, b, self.effort.gain)
         tau, w = other._built_from(tangent, own + added, moments, w, delta)
-        return AdmissibleStress(tau, w, self.missed_energy(state, tangent, z, tau, w))
+        return AdjointStress(tau, w, self.missed_energy(state, tangent, z, tau, w))
 
     def missed_energy(
         self,

@@ -9,6 +9,7 @@ from ngsolve import Integrate, x, y
 
 from ngepc import (
     ContactForceOn,
+    Coulomb,
     DisplacementAt,
     LoadWork,
     Material,
@@ -251,13 +252,13 @@ def test_a_work_of_a_load_that_is_no_vector_is_refused():
         LoadWork(body_force=(lambda: 1,))
 
 
-def test_friction_is_refused():
+def test_friction_of_coulomb_is_refused():
     problem = Problem(
         block.mesh(0.5, (1.0, 0.7)),
         MATERIAL,
         contact="contact",
         gap=-0.01,
-        friction=0.1,
+        friction=Coulomb(0.1),
     )
     with pytest.raises(ValueError, match="friction"):
         goal_bound(semismooth_newton(problem), "contact_force")

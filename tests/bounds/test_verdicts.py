@@ -9,6 +9,7 @@ from ngsolve import x
 from ngepc import (
     Coulomb,
     Material,
+    Point,
     Problem,
     confidence,
     evolve,
@@ -83,8 +84,9 @@ def square(**data):
     [
         ({}, "Guaranteed: the stress after the last step"),
         ({"contact": "contact", "gap": 1.0}, "Estimate, not guaranteed: the stress"),
+        ({"springs": {"contact": 1.0}}, "Guaranteed: the stress after the last step"),
         (
-            {"springs": {"contact": 1.0}},
+            {"springs": {Point((1.0, 0.7)): (1.0, 1.0)}},
             "The last step, from the state where it starts: Estimate",
         ),
     ],
