@@ -32,6 +32,8 @@ SLOW = (
     "bounds/test_admissible.py",
     "bounds/test_bound.py",
     "bounds/test_convex.py",
+    "bounds/test_foundation.py",
+    "bounds/test_friction_of_goals.py",
     "bounds/test_goal_bound.py",
     "bounds/test_goals.py",
     "bounds/test_hidden.py",
