@@ -77,8 +77,7 @@ class Integrand:
     deviator; ``data`` and ``strain`` are constant on each part; ``cell`` and ``volume``
     (parts,) say where a part is; ``opened`` is int P^ gap_h, ``residual`` minus the integral of
     s(eps_h) : eps(z); ``sample`` are parts for the choice of lambda and how many each stands for;
-    ``on_boundary`` are the parts of foundations and
-    friction.
+    ``on_boundary`` are the parts of foundations and friction.
     """
 
     tau: np.ndarray
