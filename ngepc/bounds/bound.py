@@ -33,7 +33,7 @@ from ngepc.bounds.data import (
 )
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.solid import SolidBoundData
-from ngepc.checks.sentences import in_words
+from ngepc.checks.sentences import at_most_percent, in_words, outward
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.sampled import sampled_data, what_is_unseen
@@ -176,6 +176,13 @@ class ErrorBound:
         result = GridFunction(L2(self.problem.mesh, order=0), name="error_indicators")
         result.vec.FV().NumPy()[:] = self.per_cell
         return result
+
+    def __str__(self) -> str:
+        total = outward(0.0, max(self.total, 0.0), 3)[1]
+        part = at_most_percent(self.relative, 3)
+        return (
+            f"energy error at most {total}, {part} of the strain energy ({self.kind})"
+        )
 
 
 @one_blas_thread

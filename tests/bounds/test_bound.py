@@ -1,5 +1,6 @@
 """What the bound bounds, for results of every kind, and what it refuses."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,8 @@ from ngepc.geometries import block, lshape
 from ngepc.geometries.bisection import triangulated
 from ngepc.studies.bounds import LIMITS
 from ngepc.studies.examples import example
+
+NUMBERS = re.compile(r"\d+\.?\d*(?:e[-+]\d+)?")
 
 
 @pytest.mark.parametrize(
@@ -51,6 +54,14 @@ def test_converged_results_have_no_algebraic_part():
     bound = error_bound(semismooth_newton(example("lshape", 417)))
     assert abs(bound.algebraic) <= 1e-12 * bound.total
     assert bound.moved == 0
+
+
+def test_a_printed_bound_is_rounded_up_and_says_whether_it_is_proved():
+    bound = error_bound(semismooth_newton(example("lshape", 113)))
+    total, percent = map(float, NUMBERS.findall(str(bound)))
+    assert bound.total <= total <= 1.01 * bound.total
+    assert 100 * bound.relative <= percent <= 101 * bound.relative
+    assert str(bound).endswith("(guaranteed)")
 
 
 def test_primal_and_exact_results_have_the_same_bound():
