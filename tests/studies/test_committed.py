@@ -39,6 +39,7 @@ LONG = {
     "large": "PETSc is needed",
     "mutants": "the tests of each fault",
     "processes": "PETSc is needed",
+    "order_two/large": "PETSc is needed",
     "order_two/processes": "PETSc is needed",
     "two_processes/processes": "PETSc is needed",
     "verdicts": "limits on many meshes",
