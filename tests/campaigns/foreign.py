@@ -95,7 +95,13 @@ class Foreign(Work):
 
     def cells(self):
         paths = sorted(p for p in self.beds.glob("*/**/*") if p.suffix not in TEXTS)
-        return [{"file": str(p.relative_to(self.beds))} for p in paths if p.is_file()]
+        files = [p for p in paths if p.is_file()]
+        if not files:
+            raise ValueError(
+                f"beds={str(self.beds)!r}: a folder with mesh files is needed; "
+                "python -m campaigns.beds FOLDER makes one"
+            )
+        return [{"file": str(p.relative_to(self.beds))} for p in files]
 
     def solve(self, file):
         path = self.beds / file
