@@ -367,14 +367,14 @@ def test_contact_beside_a_clamped_part(solver, order, gap):
 
 def test_what_does_not_take_them_says_so():
     roller = Problem(SQUARE, STEEL, "left", prescribed={"clamped": Roller()})
-    springs = Problem(SQUARE, STEEL, "left", springs={"right": 1.0})
+    springs = Problem(SQUARE, STEEL, "left", springs={Point((1.0, 1.0)): (1, 1)})
     force = Problem(
         SQUARE, STEEL, "left", {Point((1.0, 1.0)): (0, 1)}, kinematics="two-dimensional"
     )
     corner = Problem(SQUARE, STEEL, "left", contact="contact", gap=0.0)
     for problem, named in (
         (roller, r"prescribed\['clamped'\]=Roller"),
-        (springs, r"springs\['right'\]=1.0"),
+        (springs, r"springs\[Point\(where=\(1.0, 1.0\)\)\]"),
         (force, r"traction\[Point\(where=\(1.0, 1.0\)\)\]"),
         (corner, "contact='contact': .* contact away from the clamped boundary"),
     ):
