@@ -47,9 +47,6 @@ LONG = {
 }
 """Results whose first cell is not solved again, with the reason."""
 
-WITHOUT_COMMIT = {"two_processes/processes"}
-"""Made before commits were recorded (it needs 17 GB); this set may only shrink."""
-
 CHEAP = [name for name in NAMES if name not in LONG]
 """Results whose first cell is solved again, in about a second or less."""
 
@@ -120,10 +117,10 @@ def test_every_result_has_its_commit():
         for name in NAMES
         if not json.loads((RESULTS / f"{name}.json").read_text()).get("commit")
     }
-    assert without <= WITHOUT_COMMIT
+    assert not without
 
 
-@pytest.mark.parametrize("name", sorted(set(NAMES) - WITHOUT_COMMIT))
+@pytest.mark.parametrize("name", sorted(NAMES))
 def test_the_code_is_in_the_history(name):
     git = shutil.which("git")
     if git is None or not (HERE / ".git").exists():
