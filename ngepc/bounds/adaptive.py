@@ -343,7 +343,7 @@ def solved(
     bound_data = data_on(state.discrete)
     tangent = Factors(state.discrete, "sparsecholesky")
     compliance = state.discrete.compliance()
-    target = ExactTarget(state.discrete, compliance)
+    target = ExactTarget(state.discrete, lambda: compliance)
     steps = 0
     energies = []
 

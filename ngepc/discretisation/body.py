@@ -73,7 +73,7 @@ class DiscreteBody:
 
     def __getstate__(self) -> dict:
         """Everything except matrices of NGSolve, which are assembled again."""
-        left_out = ("stiffness", "elastic")
+        left_out = ("stiffness", "elastic", "elastic_compliance")
         return {name: part for name, part in vars(self).items() if name not in left_out}
 
     @cached_property

@@ -12,6 +12,7 @@ are averaged at their nodes; faces that meet at an angle have a row each.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 
@@ -123,6 +124,14 @@ class ContactConditions:
         return self.processes.summed(
             nodal_forces.reshape(-1, self.rows.normals.shape[1])
         )
+
+    def compliance(
+        self, solve: Callable[[np.ndarray], np.ndarray], chosen: np.ndarray
+    ) -> np.ndarray:
+        """S = R K^-1 R' for some of the forces, dense, by a solve with K for each of them."""
+        unit = np.eye(len(self))[chosen]
+        answers = [self.displacement(solve(self.forces(x)))[chosen] for x in unit]
+        return np.array(answers)
 
     def springs(self, row_stiffness: np.ndarray) -> np.ndarray:
         """Stiffness of springs of rollers in the tangent, 0 for other rows, shape (n,).

@@ -121,7 +121,7 @@ def several_solutions(
         why = f"Friction on {count} rows: whether there are other equilibria was not examined."
         return False, why
 
-    other = _other_forces(here, compliance, rows)
+    other = _other_forces(here, solve, rows)
     if other is None:
         if len(left) or not cone.enumerable:
             return False, SEARCHED
@@ -150,14 +150,12 @@ def _proved_unique(
     return is_unique(follows, lambda d: compliance(d) + d / springs, stiffness)
 
 
-def _other_forces(
-    here: Iterate, compliance: Solve, rows: np.ndarray
-) -> np.ndarray | None:
+def _other_forces(here: Iterate, solve: Solve, rows: np.ndarray) -> np.ndarray | None:
     """Other forces of some rows that obey Coulomb's law, see ``FrictionCone.other_forces``."""
-    cone = here.body.contact.friction
+    conditions = here.body.contact
+    cone = conditions.friction
     chosen = cone.numbers(rows)
-    unit = (np.arange(len(here.contact)) == chosen[:, None]).astype(float)
-    S = np.array([compliance(e)[chosen] for e in unit])
+    S = conditions.compliance(solve, chosen)
     sizes = S.diagonal().copy()
     rigid = here.body.floating.compliance[chosen]
     return cone.of(rows).other_forces(

@@ -58,6 +58,7 @@ class Factors:
         nodal = problem.order == 1 and not problem.contact_pairs
         self.stiffened = self._stiffened if nodal else None
         self._held: Factors | None = None  # with springs of the contact rows
+        self._springs: np.ndarray | None = None  # their stiffness
         self._large = int(body.free.sum()) >= LARGE
 
     def linearise(self, here: Iterate) -> None:
@@ -73,12 +74,14 @@ class Factors:
 
     def _stiffened(self, springs: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """``solve`` with springs of the contact rows, each of which belongs to one node."""
-        R = self._body.contact.matrix
-        added = self._body.added + R.T @ diags(springs) @ R
-        stiffness = self._stiffness.with_added(added.tocsr())
-        if self._held is None:
-            self._held = Factors(self._body, self._name, stiffness)
-        self._held._stiffness = stiffness
+        if self._held is None or not np.array_equal(springs, self._springs):
+            R = self._body.contact.matrix
+            added = self._body.added + R.T @ diags(springs) @ R
+            stiffness = self._stiffness.with_added(added.tocsr())
+            if self._held is None:
+                self._held = Factors(self._body, self._name, stiffness)
+            self._held._stiffness = stiffness
+            self._springs = springs
         self._held.update(self.moduli)
         return self._held.solve
 

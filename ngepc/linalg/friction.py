@@ -13,6 +13,7 @@ complementarity problem, which block principal pivoting solves.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,10 +37,12 @@ ROUNDING = 1e-13  # of displacements of rows, where forces come from steps that 
 DESCENTS = 20  # the largest number of such steps, relative to that of forces
 TINY = float(np.finfo(float).tiny)  # in place of zero in a denominator
 
+ROUNDED = 2e-15
+"""Newton's method ends at a residual below this fraction of the largest force: rounding."""
+
 EXACT = 1e-13
 SETTLED = 1e-10
-"""Newton's method ends at steps below these fractions of the largest force: at once, or if the
-residual no longer falls."""
+"""It also ends at steps below these fractions: at once, or if the residual no longer falls."""
 
 DIFFERENT = 1e-6  # fraction of the largest force by which two solutions differ
 
@@ -447,37 +450,40 @@ class _Equation:
     forces: np.ndarray
     c: np.ndarray
 
-    def trial(self, change: np.ndarray) -> np.ndarray:
-        """x - c g."""
-        return self.forces + change - self.c * (self.gaps + self.W @ change)
+    def slack(self, change: np.ndarray) -> np.ndarray:
+        """The gaps as forces, c g."""
+        return self.c * (self.gaps + self.W @ change)
 
-    def residual(self, change: np.ndarray) -> float:
-        """Norm of x minus its projection from x - c g."""
+    def at(self, change: np.ndarray) -> tuple[np.ndarray, float]:
+        """The slack c g, and the norm of x minus its projection from x - c g."""
+        slack = self.slack(change)
         x = self.forces + change
-        return float(np.linalg.norm(x - self.law.projected(self.trial(change))))
+        missing = x - self.law.projected(x - slack)
+        return slack, math.sqrt(missing @ missing)
 
-    def step(self, change: np.ndarray) -> np.ndarray | None:
+    def step(self, change: np.ndarray, slack: np.ndarray) -> np.ndarray | None:
         """One semismooth Newton step; None if its matrix is singular.
 
         Rows without friction that open lose all forces, rows with it their normal ones.
         """
         law = self.law
-        W = self.W
         m = len(law.cap)
-        closed = (self.trial(change)[:m] > 0) | law.tied
+        closed = (self.forces + change - slack)[:m] > 0
+        closed |= law.tied
         with_friction = law.with_friction(closed)
         opened = np.flatnonzero(~closed)
         chosen = law.numbers(np.flatnonzero(with_friction))
         following = -self.forces
         following[chosen] = change[chosen]
         following[opened] = -self.forces[opened]
-        slack = self.c * (self.gaps + W @ following)
+        if not np.array_equal(following, change):
+            slack = self.slack(following)
         y = self.forces + following - slack
-        one = np.eye(len(chosen))
+
         blocks = law.slope(y, closed)[with_friction]
-        compliance = self.c[chosen, None] * W.block(chosen)
-        J = one - of_rows(blocks, one) + of_rows(blocks, compliance)
-        residual = slack
+        J = of_rows(blocks, self.c[chosen, None] * self.W.block(chosen))
+        add_to_rows(J, np.eye(1 + law.d) - blocks)
+        residual = slack.copy()
         residual[m:] += (y - law.projected(y))[m:]
         residual[opened] = 0.0
         try:
@@ -493,30 +499,35 @@ class _Equation:
         """
         # the start is left out, as no product with a zero change is needed
         best = (np.inf, change, False)
-        left = self.residual(change)
+        slack, left = self.at(change)
         scale = np.abs(self.forces).max(initial=0.0)
         for _ in range(STEPS):
-            step = self.step(change)
+            step = self.step(change, slack)
             if step is None:
                 break
             before = left
-            length = 1.0
-            left = self.residual(change + step)
-            while length > SHORTEST and not left < before:
-                length /= 2
-                left = self.residual(change + length * step)
-            if not left < before:
-                length = 1.0
-                left = self.residual(change + step)
+            length, slack, left = self._shortened(change, step, before)
             change = change + length * step
             x = self.forces + change
             moved = np.abs(step).max(initial=0.0)
             size = max(scale, np.abs(x).max(initial=0.0))
-            if moved <= EXACT * size or (moved <= SETTLED * size and left > before / 2):
+            settled = moved <= SETTLED * size and left > before / 2
+            if left <= ROUNDED * size or moved <= EXACT * size or settled:
                 exact = change + (self.law.projected(x) - x)
                 return left, np.where(x == 0, -self.forces, exact), True
             best = min(best, (left, change, False), key=lambda found: found[0])
         return best
+
+    def _shortened(
+        self, change: np.ndarray, step: np.ndarray, before: float
+    ) -> tuple[float, np.ndarray, float]:
+        """The length of a step that lowers the residual, else 1; slack and residual there."""
+        whole = (1.0, *self.at(change + step))
+        found = whole
+        while found[0] > SHORTEST and not found[2] < before:
+            length = found[0] / 2
+            found = (length, *self.at(change + length * step))
+        return found if found[2] < before else whole
 
     def approached(self, change: np.ndarray) -> tuple[np.ndarray, bool]:
         """The same where all bounds are given, by proximal points: Newton's method may cycle.
@@ -549,6 +560,14 @@ def of_rows(blocks: np.ndarray, A: np.ndarray) -> np.ndarray:
     t = A[m:].reshape(m, size - 1, A.shape[1])
     parts = np.matmul(blocks, np.concatenate([n, t], axis=1))
     return np.concatenate([parts[:, 0], parts[:, 1:].reshape(A[m:].shape)])
+
+
+def add_to_rows(A: np.ndarray, blocks: np.ndarray) -> None:
+    """Add ``matrix_of_rows`` to a dense matrix."""
+    m, size = blocks.shape[:2]
+    tangents = np.arange(m, m * size).reshape(m, size - 1)
+    places = np.concatenate([np.arange(m)[:, None], tangents], axis=1)
+    A[places[:, :, None], places[:, None, :]] += blocks
 
 
 def matrix_of_rows(blocks: np.ndarray) -> csr_matrix:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -62,6 +63,9 @@ FAR = 0.5
 
 ROUGH = 1e-2
 """Tolerance of the solution of order one."""
+
+FEW_FORCES = 600
+"""The most forces of contact rows whose compliance is computed for the elastic body."""
 
 LARGE = 1.0
 """A solution of order one without hardening and with a larger |p| is no good start."""
@@ -139,7 +143,8 @@ class RepeatedSolver:
             If an argument is not legal.
         """
         discrete = self.discretised(problem)
-        return self.solve_from(starting_state(discrete, start), monitor)
+        state = starting_state(discrete, start)
+        return self.solve_from(state, monitor, partial(self._compliance, discrete))
 
     def discretised(self, problem: Problem) -> DiscreteProblem:
         """The discrete problem, with data of the last one; errors as for a call."""
@@ -151,17 +156,29 @@ class RepeatedSolver:
         """The linear solver for a body where the options name none."""
         return fastest_solver(discrete)
 
+    def _compliance(self, discrete: DiscreteProblem) -> Compliance:
+        """What the compliance of the contact rows is taken for at first.
+
+        With friction on few rows it is that of the elastic body, which is computed once for a
+        sequence of problems: where most of the body is elastic it halves the solves for the rows.
+        It depends on the problem alone, not on the problems before.
+        """
+        with_friction = discrete.contact.friction.d > 0
+        if with_friction and len(discrete.contact) <= FEW_FORCES:
+            return copy(discrete.elastic_compliance)
+        return discrete.compliance()
+
     def solve_from(
         self,
         state: State,
         monitor: Monitor | None = None,
-        compliance: Compliance | None = None,
+        compliance: Callable[[], Compliance] | None = None,
         second: Callable[[State], State] | None = None,
     ) -> ExactResult:
         """Solve the problem of a state, from there.
 
-        ``compliance`` is a guess for that of the contact rows, which factors of tangents correct;
-        ``second`` may replace the iterate after the first step.
+        ``compliance`` gives a guess for that of the contact rows, which factors of tangents
+        correct; ``second`` may replace the iterate after the first step.
         """
         before = self._discrete
         discrete = state.discrete

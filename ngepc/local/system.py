@@ -27,6 +27,7 @@ from ngepc.discretisation.law import Return
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.stiffness import ElementStiffness
+from ngepc.linalg.secants import Compliance
 from ngepc.model.data import same_fields
 from ngepc.model.problem import Problem
 
@@ -58,8 +59,15 @@ class DiscreteProblem(DiscreteBody):
         vars(self)["stiffness"] = like.stiffness
         if same_fields(problem, like.problem, "material"):
             vars(self)["stiffness_diagonal"] = like.stiffness_diagonal
-            if "elastic" in vars(like):
-                vars(self)["elastic"] = like.elastic
+            self._take_elastic(like)
+
+    def _take_elastic(self, like: DiscreteProblem) -> None:
+        """Take over what is known of the elastic body."""
+        if "elastic" in vars(like):
+            vars(self)["elastic"] = like.elastic
+        same_rows = self.contact.matrix is like.contact.matrix
+        if same_rows and "elastic_compliance" in vars(like):
+            vars(self)["elastic_compliance"] = like.elastic_compliance
 
     def floats_like(self, other: DiscreteProblem) -> bool:
         """Whether the same parts float, on springs of the same stiffness."""
@@ -84,6 +92,12 @@ class DiscreteProblem(DiscreteBody):
         factors = Factors(self, "sparsecholesky")
         factors.update(self.law.elastic_moduli)
         return factors
+
+    @cached_property
+    def elastic_compliance(self) -> Compliance:
+        """The compliance of the contact rows of the elastic body, by a solve for each force."""
+        every = np.arange(len(self.contact))
+        return Compliance.of(self.contact.compliance(self.elastic.solve, every))
 
     @cached_property
     def stiffness(self) -> ElementStiffness:

@@ -7,6 +7,8 @@ then gives the next solution to first order, and Newton's method starts from it.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from scipy.sparse import csr_matrix
 
@@ -85,7 +87,7 @@ class WarmSolver(RepeatedSolver):
             result = self(problem, self.last)
         else:
             state = near[1]
-            compliance = self._compliance(state.discrete)
+            compliance = partial(self._compliance, state.discrete)
             result = self.solve_from(state, compliance=compliance)
         self.last = result if result.status.is_success else None
         if self.last is None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -58,13 +58,18 @@ Its arguments are the state, the tangent, and the residual norm one iterate befo
 class ExactTarget:
     """Newton's model solved exactly; the compliance of the contact rows is kept between steps.
 
-    ``compliance`` is a guess from another problem with the same rows, None for that of the body.
+    ``compliance`` gives a guess for it, None for that of the body.
     """
 
     def __init__(
-        self, body: DiscreteBody, compliance: Compliance | None = None
+        self, body: DiscreteBody, compliance: Callable[[], Compliance] | None = None
     ) -> None:
-        self._compliance = body.compliance() if compliance is None else compliance
+        self._guess = compliance or body.compliance
+
+    @cached_property
+    def _compliance(self) -> Compliance:
+        """The compliance that is learned; its first guess may need solves."""
+        return self._guess()
 
     def __call__(
         self, here: Iterate, tangent: Any, before: float | None = None

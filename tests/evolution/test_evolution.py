@@ -20,6 +20,7 @@ from ngepc.geometries import block, lshape
 from ngepc.methods.newton import semismooth_newton
 from ngepc.model.elements import plastic_points
 from ngepc.model.material import Material
+from ngepc.model.places import Coulomb
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.options import NewtonOptions
@@ -456,6 +457,25 @@ def test_restart_continues_to_the_same_digits(tmp_path, way):
         e.steps[3].fields.stress(problem.mesh(0.7, 0.7)) for e in (whole, finished)
     ]
     assert stress[0] == stress[1]
+
+
+def test_restart_with_friction_continues_to_the_same_digits(tmp_path):
+    """What a solver learns of the compliance of the contact rows is not kept."""
+    file = tmp_path / "steps.npz"
+    problem = dataclasses.replace(punched(), friction=Coulomb(0.3))
+    schedule = load_cycle(problem, [1.0], steps=3)
+    whole = evolve(problem, schedule)
+
+    def interrupt(step):
+        if step.record.time > 0.5:
+            raise StopIteration
+
+    stopped = evolve(problem, schedule, checkpoint=file, monitor=interrupt)
+    assert len(stopped.steps) == 2
+    rest = evolve(problem, schedule, checkpoint=file)
+    assert rest.as_rows() == whole.as_rows()
+    assert (rest.steps[-1].contact == whole.steps[-1].contact).all()
+    assert whole.column("max_slip")[-1] > 0
 
 
 def test_restart_in_the_middle_of_a_cut_step(tmp_path):

@@ -10,9 +10,11 @@ from ngepc.linalg.friction import (
     STARTS,
     FrictionCone,
     _Equation,
+    add_to_rows,
     exchanged,
     in_box,
     lowered_in_box,
+    matrix_of_rows,
 )
 from ngepc.linalg.secants import Compliance
 
@@ -328,6 +330,44 @@ def test_proximal_points_reach_the_minimum(law):
     assert offence(rule, forces + change, gaps + S @ (forces + change)) < 1e-10
     expected = rule(W, gaps, np.zeros(len(S)))[0]
     np.testing.assert_allclose(forces + change, expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("d", [1, 2])
+@pytest.mark.parametrize("law", LAWS)
+def test_newton_needs_one_step_at_a_solution(law, d, monkeypatch):
+    """It sees by the residual that rounding is reached, and shortens no step there."""
+    random = np.random.default_rng(8)
+    m = 7
+    rule = cone(law, m, d, random)
+    S = compliance(m * (1 + d), random)
+    W = Compliance.of(S)
+    gaps = random.normal(size=len(S))
+    x = rule(W, gaps, np.zeros(len(S)))[0]
+    there = gaps + S @ x
+    equation = _Equation(rule, W, there, x, np.full(len(S), 0.1))
+    tried = []
+    shortened = equation.at
+
+    def counted(change):
+        tried.append(change)
+        return shortened(change)
+
+    monkeypatch.setattr(_Equation, "at", lambda _, change: counted(change))
+    left, change, exact = equation.solved(np.zeros(len(S)))
+    assert exact
+    assert left <= 2e-15 * np.abs(x).max()
+    assert np.abs(change).max() <= 1e-13 * np.abs(x).max()
+    assert len(tried) == 2  # the start, and one step
+
+
+@pytest.mark.parametrize("d", [0, 1, 2])
+def test_blocks_of_rows_are_added_to_a_dense_matrix(d):
+    random = np.random.default_rng(9)
+    blocks = random.normal(size=(4, 1 + d, 1 + d))
+    A = random.normal(size=(4 * (1 + d), 4 * (1 + d)))
+    expected = A + matrix_of_rows(blocks).toarray()
+    add_to_rows(A, blocks)
+    np.testing.assert_array_equal(A, expected)
 
 
 def test_other_solutions_are_searched_from_starts():

@@ -74,3 +74,61 @@ def test_what_is_kept():
     assert three.supports is one.supports
     assert three.rows is not one.rows
     assert three.contact.matrix is one.contact.matrix
+
+
+def rubbed(mesh, **changes):
+    """A block that is pressed against an obstacle with friction."""
+    given = {"contact": "contact", "gap": -0.01, "friction": Coulomb(0.3), "order": 1}
+    return Problem(mesh, METAL, **(given | changes))
+
+
+def test_compliance_of_the_elastic_body():
+    """Against a solve with the dense stiffness; kept while the body is the same."""
+    solver = RepeatedSolver()
+    mesh = block.structured_mesh(4, 4, simplices=True)
+    first = rubbed(mesh)
+    one = solver(first).discrete
+    free = one.free.ravel()
+    unit = np.eye(free.size)[free]
+    tangent = one.elastic
+    K = np.array([tangent.multiply(e.reshape(one.free.shape)).ravel() for e in unit])
+    R = one.contact.matrix.toarray()[:, free]
+    S = R @ np.linalg.solve(K[:, free], R.T)
+    found = one.elastic_compliance.block(np.arange(len(S)))
+    moves = np.ix_(S.diagonal() > 0, S.diagonal() > 0)
+    assert found[moves] == pytest.approx(S[moves], abs=1e-12 * S.max())
+
+    lifted = solver(replace(first, gap=-0.009)).discrete
+    assert lifted.elastic_compliance is one.elastic_compliance
+    softer = solver(replace(first, material=SOFTER)).discrete
+    assert softer.elastic_compliance is not one.elastic_compliance
+
+
+def test_compliance_of_the_elastic_body_saves_solves():
+    """In a body that has begun to yield: fewer solves for the contact rows, the same solution."""
+    mesh = block.structured_mesh(16, 8, size=(2, 1), simplices=True)
+    pressed = rubbed(mesh, gap=-0.0005)
+    deeper = replace(pressed, gap=-0.0006)
+    solver = RepeatedSolver()
+    start = solver(pressed)
+    repeated = solver(deeper, start.displacement)
+    alone = semismooth_newton(deeper, start=start.displacement)
+    same(repeated, alone)
+    assert repeated.state.plastic_measure > 0
+    solves = [
+        sum(result.history.column("back_substitutions")[1:])
+        for result in (repeated, alone)
+    ]
+    assert solves[0] <= 0.7 * solves[1]
+
+
+def test_what_is_learned_of_the_compliance_is_not_kept():
+    """The digits of a solution do not depend on the problems that were solved before."""
+    mesh = block.structured_mesh(8, 4, size=(2, 1), simplices=True)
+    solver = RepeatedSolver()
+    solver(rubbed(mesh))
+    second = solver(rubbed(mesh, gap=-0.012))
+    first = RepeatedSolver()(rubbed(mesh, gap=-0.012))
+    u = second.displacement.vec.FV().NumPy()
+    np.testing.assert_array_equal(u, first.displacement.vec.FV().NumPy())
+    np.testing.assert_array_equal(second.state.contact, first.state.contact)
