@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix
@@ -440,6 +441,14 @@ class FrictionCone:
             yield self.projected(forces + self(W, gaps + change, forces)[0])
 
 
+class _Trial(NamedTuple):
+    """The equation at a change of the forces."""
+
+    slack: np.ndarray  # c g
+    beyond: np.ndarray  # x - c g minus its projection
+    left: float  # norm of the residual, x minus this projection
+
+
 @dataclass(frozen=True, eq=False)
 class _Equation:
     """x = projected(x - c g) for changes of the forces x, with g = gaps + W change."""
@@ -450,25 +459,23 @@ class _Equation:
     forces: np.ndarray
     c: np.ndarray
 
-    def slack(self, change: np.ndarray) -> np.ndarray:
-        """The gaps as forces, c g."""
-        return self.c * (self.gaps + self.W @ change)
-
-    def at(self, change: np.ndarray) -> tuple[np.ndarray, float]:
-        """The slack c g, and the norm of x minus its projection from x - c g."""
-        slack = self.slack(change)
+    def at(self, change: np.ndarray) -> _Trial:
+        """The slack and the residual at a change."""
+        slack = self.c * (self.gaps + self.W @ change)
         x = self.forces + change
-        missing = x - self.law.projected(x - slack)
-        return slack, math.sqrt(missing @ missing)
+        y = x - slack
+        nearest = self.law.projected(y)
+        missing = x - nearest
+        return _Trial(slack, y - nearest, math.sqrt(missing @ missing))
 
-    def step(self, change: np.ndarray, slack: np.ndarray) -> np.ndarray | None:
+    def step(self, change: np.ndarray, trial: _Trial) -> np.ndarray | None:
         """One semismooth Newton step; None if its matrix is singular.
 
         Rows without friction that open lose all forces, rows with it their normal ones.
         """
         law = self.law
         m = len(law.cap)
-        closed = (self.forces + change - slack)[:m] > 0
+        closed = (self.forces + change - trial.slack)[:m] > 0
         closed |= law.tied
         with_friction = law.with_friction(closed)
         opened = np.flatnonzero(~closed)
@@ -477,14 +484,14 @@ class _Equation:
         following[chosen] = change[chosen]
         following[opened] = -self.forces[opened]
         if not np.array_equal(following, change):
-            slack = self.slack(following)
-        y = self.forces + following - slack
+            trial = self.at(following)
+        y = self.forces + following - trial.slack
 
         blocks = law.slope(y, closed)[with_friction]
         J = of_rows(blocks, self.c[chosen, None] * self.W.block(chosen))
         add_to_rows(J, np.eye(1 + law.d) - blocks)
-        residual = slack.copy()
-        residual[m:] += (y - law.projected(y))[m:]
+        residual = trial.slack.copy()
+        residual[m:] += trial.beyond[m:]
         residual[opened] = 0.0
         try:
             following[chosen] -= np.linalg.solve(J, residual[chosen])
@@ -499,14 +506,15 @@ class _Equation:
         """
         # the start is left out, as no product with a zero change is needed
         best = (np.inf, change, False)
-        slack, left = self.at(change)
+        trial = self.at(change)
         scale = np.abs(self.forces).max(initial=0.0)
         for _ in range(STEPS):
-            step = self.step(change, slack)
+            step = self.step(change, trial)
             if step is None:
                 break
-            before = left
-            length, slack, left = self._shortened(change, step, before)
+            before = trial.left
+            length, trial = self._shortened(change, step, before)
+            left = trial.left
             change = change + length * step
             x = self.forces + change
             moved = np.abs(step).max(initial=0.0)
@@ -520,14 +528,15 @@ class _Equation:
 
     def _shortened(
         self, change: np.ndarray, step: np.ndarray, before: float
-    ) -> tuple[float, np.ndarray, float]:
-        """The length of a step that lowers the residual, else 1; slack and residual there."""
-        whole = (1.0, *self.at(change + step))
+    ) -> tuple[float, _Trial]:
+        """The length of a step that lowers the residual, else 1, and the equation there."""
+        whole = self.at(change + step)
+        length = 1.0
         found = whole
-        while found[0] > SHORTEST and not found[2] < before:
-            length = found[0] / 2
-            found = (length, *self.at(change + length * step))
-        return found if found[2] < before else whole
+        while length > SHORTEST and not found.left < before:
+            length /= 2
+            found = self.at(change + length * step)
+        return (length, found) if found.left < before else (1.0, whole)
 
     def approached(self, change: np.ndarray) -> tuple[np.ndarray, bool]:
         """The same where all bounds are given, by proximal points: Newton's method may cycle.
