@@ -41,6 +41,7 @@ LONG = {
     "processes": "PETSc is needed",
     "order_two/large": "PETSc is needed",
     "order_two/processes": "PETSc is needed",
+    "order_two_large/processes": "PETSc is needed",
     "two_processes/processes": "PETSc is needed",
     "verdicts": "limits on many meshes",
     "without_tichonov": "paths that stall",
