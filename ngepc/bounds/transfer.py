@@ -23,7 +23,7 @@ from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import ACTING
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.material import Material
-from ngepc.model.own import size_of
+from ngepc.model.own import MeshState
 from ngepc.model.problem import Problem
 
 HISTORY = ("initial_plastic_strain", "initial_hardening", "initial_accumulated")
@@ -150,7 +150,7 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
     changes = {f.name: carried(getattr(material, f.name)) for f in fields(Material)}
     vars(finer).update({name: carried(getattr(problem, name)) for name in names})
     vars(finer).update(mesh=mesh, material=replace(material, **changes))
-    vars(finer).update(solved_on=size_of(mesh))
+    vars(finer).update(solved_on=MeshState.of(mesh))
     return finer
 
 

@@ -128,7 +128,7 @@ class EvolutionStep:
     def problem(self) -> Problem:
         """The problem of the step, with p_0 and alpha_0 as they were at its beginning.
 
-        ValueError if its mesh was refined since.
+        ValueError if its mesh has changed since.
         """
         return require_same_mesh(self.fields.problem)
 

@@ -1,7 +1,7 @@
 """A problem as it is at the moment of a solve: what changes later does not change its result.
 
 An ``ngsolve.Parameter`` becomes its number, a GridFunction among the loads, gaps and material data
-a copy.  The mesh is shared: that it has been refined since is refused by name.
+a copy.  The mesh is shared: that it has been refined, curved or moved since is refused by name.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import copy
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import is_dataclass
 from functools import partial
+from typing import NamedTuple
+from zlib import crc32
 
 from ngsolve import CoefficientFunction, GridFunction, Mesh, Parameter
 
@@ -29,7 +31,7 @@ Change = Callable[[str, CoefficientFunction], CoefficientFunction]
 
 
 def own_copy(problem: ProblemData) -> ProblemData:
-    """The problem with data of its own, and with the size that its mesh has now.
+    """The problem with data of its own, and with the state that its mesh has now.
 
     ValueError if a ``Parameter`` is in a part of a coefficient that cannot be rebuilt.
     """
@@ -50,7 +52,7 @@ class OwnCopies:
         own = copy.copy(problem)
         for name, value in problem.given.items():
             vars(own)[name] = self._own(name, value)
-        vars(own)["solved_on"] = size_of(problem.mesh)
+        vars(own)["solved_on"] = MeshState.of(problem.mesh)
         return own
 
     def _own(self, name: str, value: object) -> object:
@@ -105,19 +107,56 @@ def _changed(name: str, value: object, change: Change) -> object:
     return value if same else new
 
 
-def size_of(mesh: Mesh) -> tuple[int, int]:
-    """Numbers of vertices and elements, which refinement changes."""
-    return mesh.nv, mesh.ne
+class MeshState(NamedTuple):
+    """What a result on a mesh relies on, and what can change afterwards."""
+
+    vertices: int
+    elements: int
+    curve_order: int
+    deformation: int
+    points: int
+    """Checksums of the deformation, 0 without one, and of the coordinates of the vertices."""
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> MeshState:
+        """The state that a mesh has now."""
+        moved = mesh.deformation
+        return cls(
+            vertices=mesh.nv,
+            elements=mesh.ne,
+            curve_order=mesh.GetCurveOrder(),
+            deformation=0 if moved is None else crc32(moved.vec.FV().NumPy()),
+            points=crc32(mesh.ngmesh.Coordinates().tobytes()),
+        )
+
+    def change_to(self, now: MeshState) -> str:
+        """What differs, in words; empty if nothing does."""
+        before = self
+        if before[:2] != now[:2]:
+            return (
+                f"had {before.vertices} vertices and {before.elements} elements when this problem "
+                f"was solved, and has {now.vertices} and {now.elements} now"
+            )
+        if before.curve_order != now.curve_order:
+            return (
+                f"had elements of order {before.curve_order} when this problem was solved, and "
+                f"has order {now.curve_order} now (mesh.Curve)"
+            )
+        if before.deformation != now.deformation:
+            return "has another deformation than when this problem was solved"
+        if before.points != now.points:
+            return "has other points than when this problem was solved"
+        return ""
 
 
 def require_same_mesh(problem: ProblemData) -> ProblemData:
-    """``problem``; a ValueError if its mesh was refined since it was solved."""
+    """``problem``; a ValueError if its mesh has changed since it was solved."""
     before = getattr(problem, "solved_on", None)
-    now = size_of(problem.mesh)
-    if before is not None and before != now:
+    if before is None:
+        return problem
+    change = before.change_to(MeshState.of(problem.mesh))
+    if change:
         raise ValueError(
-            f"mesh had {before[0]} vertices and {before[1]} elements when this problem was "
-            f"solved, and has {now[0]} and {now[1]} now: solve again, or refine a copy, "
-            "Mesh(mesh.ngmesh.Copy())"
+            f"mesh {change}: solve again, or change a copy, Mesh(mesh.ngmesh.Copy())"
         )
     return problem

@@ -1,11 +1,12 @@
 """A result has the data of its solve, whatever becomes of a Parameter, a function or the mesh."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from bodies import STEEL
-from ngsolve import H1, GridFunction, Integrate, Parameter
+from ngsolve import H1, GridFunction, Integrate, Parameter, VectorH1, x
 
 from ngepc import (
     Material,
@@ -19,7 +20,7 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
-from ngepc.geometries import block
+from ngepc.geometries import block, ring
 
 
 def regularised(problem):
@@ -124,7 +125,7 @@ def test_a_mesh_that_is_refined_after_the_solve_is_refused(solve, order):
     for name in REFUSED:
         with pytest.raises(ValueError, match="mesh had 16 vertices and 18 elements"):
             getattr(result, name)
-    with pytest.raises(ValueError, match="solve again, or refine a copy"):
+    with pytest.raises(ValueError, match="solve again, or change a copy"):
         fields.stress  # noqa: B018
     for work in (error_bound, error_indicators, contact_force_bracket):
         with pytest.raises(
@@ -135,6 +136,47 @@ def test_a_mesh_that_is_refined_after_the_solve_is_refused(solve, order):
         with pytest.raises(ValueError, match="mesh had"):
             result.displacement  # noqa: B018
     assert solve(problem).problem.mesh.ne > 18
+
+
+def curved(mesh):
+    mesh.Curve(2)
+
+
+def deformed(mesh):
+    shift = GridFunction(VectorH1(mesh, order=1))
+    shift.Set((0.1 * x, 0.0))
+    mesh.SetDeformation(shift)
+
+
+def moved(mesh):
+    mesh.ngmesh.Coordinates()[0] += 0.01
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [(curved, "order 2 now"), (deformed, "deformation"), (moved, "other points")],
+)
+def test_a_mesh_that_is_curved_or_moved_after_the_solve_is_refused(change, named):
+    problem = problem_of(3.0, 1e-3)
+    result = semismooth_newton(problem)
+    kept = result.primal_energy
+    change(problem.mesh)
+    assert result.primal_energy == kept
+    for name in ("problem", "stress"):
+        with pytest.raises(ValueError, match=named):
+            getattr(result, name)
+    with pytest.raises(ValueError, match=named):
+        error_bound(result)
+
+
+def test_a_result_on_a_curved_mesh_survives_pickling():
+    mesh = ring.mesh(maxh=0.5)
+    mesh.Curve(2)
+    pushed = {"traction": {"outer": (0.0, -0.1)}}
+    result = semismooth_newton(Problem(mesh, STEEL, "inner", **pushed))
+    again = pickle.loads(pickle.dumps(result))
+    assert again.problem.mesh.GetCurveOrder() == 2
+    assert again.primal_energy == pytest.approx(result.primal_energy, rel=1e-12)
 
 
 def of_history(history):
