@@ -76,7 +76,7 @@ class AirySpace:
     change given tractions.  ``area`` (nt,) are the areas of the triangles.
     """
 
-    of_triangles = ("det", "area", "unknowns", "piola", "_reference")
+    of_triangles = ("det", "area", "unknowns", "piola", "_turned", "_along", "_others")
 
     def __init__(self, boundary: Boundary, degree: int, piola: np.ndarray) -> None:
         self._boundary = boundary
@@ -98,7 +98,7 @@ class AirySpace:
             free += [even, bend, np.ones(3 * nt, dtype=bool)]
         self.unknowns = np.concatenate(unknowns, axis=1)
         self.free = np.concatenate(free)
-        self._reference = self._to_reference(self.unknowns.shape[1])
+        self._set_maps(self.unknowns.shape[1])
 
     def _held(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Fixed unknowns of vertices; edges whose unknowns ``bend`` and ``even`` are free."""
@@ -165,8 +165,13 @@ class AirySpace:
             self.unknowns.ravel(), local.ravel(), minlength=len(self.free)
         )
 
-    def _to_reference(self, n: int) -> np.ndarray:
-        """Unknowns of the reference triangle from those of the mesh, shape (nt, n, n)."""
+    def _set_maps(self, n: int) -> None:
+        """The parts of the map from the unknowns of a triangle to those of the reference.
+
+        ``_turned`` (nt, 3, 3) maps value and gradient at a vertex.  The first three of the n - 9
+        others have ``_along`` (nt, 3) times the products of ``EDGE_ROWS`` with these, in addition
+        to the product of all others with ``_others`` (nt, n - 9, n - 9).
+        """
         c = self._cells
         k = np.arange(3)
         J = c.jacobian.swapaxes(1, 2)
@@ -175,18 +180,55 @@ class AirySpace:
         across = np.einsum("tki,tki->tk", directions, c.normal[c.facet_of])
         size = np.einsum("tki,tki->tk", tangents, tangents)
         along = np.einsum("tki,tki->tk", directions, tangents) / size
-        T = np.zeros((len(J), n, n))
-        for v in (0, 3, 6):
-            T[:, v, v] = 1.0
-            T[:, v + 1 : v + 3, v + 1 : v + 3] = J
-        T[:, 9 + k, 9 + k] = across
-        T[:, 9:12, :9] = along[:, :, None] * np.matmul(EDGE_ROWS, T[:, :9, :9])
+        self._along = along
+        self._turned = np.zeros((len(J), 3, 3))
+        self._turned[:, 0, 0] = 1.0
+        self._turned[:, 1:, 1:] = J
+        others = self._others = np.zeros((len(J), n - 9, n - 9))
+        others[:, k, k] = across
         if n > 12:
-            T[:, 15 + k, 15 + k] = across * np.where(c.place[:, :, 0] == 0, 1.0, -1.0)
-            T[:, 15 + k, 12 + k] = along
-            rest = np.r_[12:15, 18:21]
-            T[:, rest, rest] = 1.0
-        return T
+            others[:, 6 + k, 6 + k] = across * np.where(
+                c.place[:, :, 0] == 0, 1.0, -1.0
+            )
+            others[:, 6 + k, 3 + k] = along
+            rest = np.r_[3:6, 9:12]
+            others[:, rest, rest] = 1.0
+
+    def _on_reference(self, local: np.ndarray) -> np.ndarray:
+        """Unknowns of the reference triangle from those of the mesh, both (nt, n)."""
+        at_vertices = local[:, :9].reshape(-1, 3, 3)
+        corners = np.matmul(at_vertices, self._turned.swapaxes(1, 2)).reshape(-1, 9)
+        others = np.einsum("tij,tj->ti", self._others, local[:, 9:])
+        others[:, :3] += self._along * (corners @ EDGE_ROWS.T)
+        return np.concatenate([corners, others], axis=1)
+
+    def _from_reference(self, forces: np.ndarray) -> np.ndarray:
+        """The transpose of this map."""
+        corners = forces[:, :9] + (self._along * forces[:, 9:12]) @ EDGE_ROWS
+        corners = np.matmul(corners.reshape(-1, 3, 3), self._turned).reshape(-1, 9)
+        others = np.einsum("tij,ti->tj", self._others, forces[:, 9:])
+        return np.concatenate([corners, others], axis=1)
+
+    def _blocks(self, K: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The blocks of T' K T for stiffness matrices K (nt, n, n) on the reference triangle.
+
+        T is the map to the reference triangle; the blocks are those of the vertices (nt, 9, 9), of
+        the others with these, and of the others.
+        """
+        others = K[:, 9:, 9:]
+        bent = (others[:, :, :3] * self._along[:, None]).reshape(-1, 3) @ EDGE_ROWS
+        bent = bent.reshape(len(K), -1, 9)
+        cross = K[:, 9:, :9] + bent
+        both = (K[:, 9:12, :9] + bent[:, :3] / 2).swapaxes(1, 2) * self._along[:, None]
+        both = (both.reshape(-1, 3) @ EDGE_ROWS).reshape(-1, 9, 9)
+        corners = K[:, :9, :9] + both + both.swapaxes(1, 2)
+        for _ in range(2):  # the matrix is symmetric
+            turned = np.matmul(corners.reshape(-1, 27, 3), self._turned)
+            corners = turned.reshape(-1, 9, 9).swapaxes(1, 2)
+        turned = np.matmul(cross.reshape(len(K), -1, 3), self._turned)
+        R = self._others.swapaxes(1, 2)
+        cross = np.matmul(R, turned.reshape(cross.shape))
+        return corners, cross, np.matmul(np.matmul(R, others), self._others)
 
     def stiffness(self, H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stiffness of the triangles from d2 phi*/dz2 at one point or all, (nt, ., 3, 3).
@@ -210,11 +252,8 @@ class AirySpace:
                 products.reshape(-1, 6, 9).swapaxes(1, 2),
             )
             K = (six.reshape(len(M), -1) @ table).reshape(-1, n, n)
-            T = part._reference
-            K = np.matmul(np.matmul(T.swapaxes(1, 2), K), T)
-            corners[cells] = K[:, CORNER_ROWS, CORNER_COLUMNS]
-            cross[cells] = K[:, 9:, :9]
-            rest[cells] = K[:, 9:, 9:]
+            of_vertices, cross[cells], rest[cells] = part._blocks(K)
+            corners[cells] = of_vertices[:, CORNER_ROWS, CORNER_COLUMNS]
         return corners, cross, rest
 
     def stress(self, x: np.ndarray) -> np.ndarray:
@@ -222,8 +261,8 @@ class AirySpace:
         result = np.empty((len(self.det), len(self.rule.weights), 3))
         for cells in portions(len(result)):
             part = self.of(cells)
-            local = (x[part.unknowns] / part.det[:, None])[:, :, None]
-            reference = np.matmul(part._reference, local)[:, :, 0] @ self.rule.rows.T
+            local = x[part.unknowns] / part.det[:, None]
+            reference = part._on_reference(local) @ self.rule.rows.T
             result[cells] = np.matmul(reference.reshape(len(local), -1, 3), part.piola)
         return result
 
@@ -235,8 +274,5 @@ class AirySpace:
     def forces(self, strain: np.ndarray) -> np.ndarray:
         """The transpose of ``stress`` with the weights of the points, by triangle, (nt, n)."""
         M = self.piola * (self.area / self.det)[:, None, None]
-        pulled = (
-            np.matmul(strain, M.swapaxes(1, 2)).reshape(len(M), 1, -1)
-            @ self.rule.forces
-        )
-        return np.matmul(pulled, self._reference)[:, 0]
+        pulled = np.matmul(strain, M.swapaxes(1, 2)).reshape(len(M), -1)
+        return self._from_reference(pulled @ self.rule.forces)

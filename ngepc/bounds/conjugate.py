@@ -26,18 +26,20 @@ from typing import NamedTuple
 import numpy as np
 
 from ngepc.bounds.polynomials import (
-    EXACT,
     NODES,
     RULE,
     SPLIT,
     SPLIT_LEVELS,
+    TRIANGLES,
     WEIGHTS,
     WORTH,
     beyond,
     coefficients,
     exceeding,
     excess_integrals,
+    portions,
     square_integrals,
+    worth_keeping,
 )
 from ngepc.bounds.simplices import sliced
 from ngepc.discretisation.law import SOFTEST, Law
@@ -45,7 +47,9 @@ from ngepc.discretisation.resistance import Resistance
 
 R6 = np.sqrt(6.0)
 
-ZETA_STEPS = 6  # Newton steps for zeta where the stress yields
+ZETA_STEPS = 6  # most Newton steps for zeta where the stress yields
+ZETA_ACCURACY = 1e-5
+"""They end at a change of this size relative to the stress; what is left is about its square."""
 UNREACHED = 1.0
 """Finite value used in place of an infinite |p| while a stress is searched."""
 
@@ -116,20 +120,56 @@ class Conjugate:
         if self.thin:
             whole = np.matmul(z, THIN.T)
             return self._completed(whole[..., 0], whole[..., 1:])
-        bulk = self.bulk[:, None]
-        two_mu = self.two_mu[:, None]
-        stiff = 1 / (6 * bulk) + 1 / two_mu
-        free = z[..., 0] / (R6 * bulk) - self.initial[..., 1] + self.offset[:, None]
-        zeta = free / stiff
-        for step in range(ZETA_STEPS + 1):
-            d = np.stack([z[..., 1], zeta, z[..., 2]], axis=-1)
-            at = self._completed(z[..., 0] - zeta / R6, d)
-            if step == ZETA_STEPS or not at.over.any():
-                return at
-            n = at.direction[..., 1]
-            along, across = self._plastic_compliance(at)
-            slope = stiff * zeta - free + n * at.reached
-            zeta = zeta - slope / (stiff + along * n**2 + across * (1 - n**2))
+        zeta = self._zeta(z)
+        d = np.stack([z[..., 1], zeta, z[..., 2]], axis=-1)
+        return self._completed(z[..., 0] - zeta / R6, d)
+
+    def _zeta(self, z: np.ndarray) -> np.ndarray:
+        """The zeta that nearly minimises phi* - zeta offset, (cells, points)."""
+        stiff = 1 / (6 * self.bulk) + 1 / self.two_mu
+        free = z[..., 0] / (R6 * self.bulk[:, None])
+        free = free - self.initial[..., 1] + self.offset[:, None]
+        zeta = free / stiff[:, None]
+
+        # |s|^2 without its third coordinate
+        back = self.back
+        across = (z[..., 1] - back[..., 0]) ** 2 + (z[..., 2] - back[..., 2]) ** 2
+        square = across + (zeta - back[..., 1]) ** 2
+        yields = (square > self.beta[:, None] ** 2).any(axis=1)
+        yielding = np.flatnonzero(yields)
+        for chosen in portions(len(yielding)):
+            cells = yielding[chosen]
+            part = self.of(cells)
+            found = part._yielding_zeta(
+                zeta[cells], across[cells], free[cells], stiff[cells, None]
+            )
+            zeta[cells] = found
+        return zeta
+
+    def _yielding_zeta(
+        self, zeta: np.ndarray, across: np.ndarray, free: np.ndarray, stiff: np.ndarray
+    ) -> np.ndarray:
+        """The same by Newton steps that begin at ``zeta``, all arrays (cells, points)."""
+        back = self.back[..., 1]
+        hardening = self.hardening[:, None]
+        beta = self.beta[:, None]
+        softest = SOFTEST * self.two_mu[:, None]
+        for _ in range(ZETA_STEPS):
+            along = zeta - back
+            size = np.sqrt(across + along**2)
+            gained = self.columns.gained_at(size, hardening)
+            gained = np.where(np.isfinite(gained), gained, UNREACHED)
+            size = np.where(size > 0, size, 1.0)
+            n = along / size
+            stiffness = hardening + self.columns.slope(gained)
+            bend = (gained > 0) / np.maximum(stiffness, softest)
+            curvature = stiff + gained / size
+            curvature += (bend - gained / size) * n**2
+            change = (stiff * zeta - free + n * gained) / curvature
+            zeta = zeta - change
+            if (np.abs(change) <= ZETA_ACCURACY * (np.abs(zeta) + beta)).all():
+                break
+        return zeta
 
     def _completed(self, m: np.ndarray, d: np.ndarray) -> Completed:
         s = d - self.back
@@ -217,48 +257,65 @@ class Conjugate:
         ball |q| <= beta.  The distance is at most |s - q|, where the Bernstein coefficients of q
         are those of s projected onto the ball: q lies in their convex hull.  On triangles that
         yield everywhere ``excess_integrals`` is sharper.  For other laws see ``_of_any_law``.
-        Parts where this bound exceeds a quadrature rule most are split, until the
-        possible gain is small relative to the sum of all integrals and ``rest``.
+        Where these bounds exceed a quadrature rule most ``_sharper`` is tried, and then parts are
+        split, until the possible gain is small relative to the sum of all integrals and ``rest``.
 
         ``nodal`` (cells, nodes, c) are stress coordinates at the nodes of the parts of each cell:
         the vertices of three or four parts, or vertices and edge midpoints of three.
         """
-        at = self.completed(nodal)
         count = len(nodal)
         k = NODES[nodal.shape[1]]
-        shifted = self.shifted(at)
-        mean, total, s, d = (
-            coefficients(v.reshape(count, -1, k, v[0, 0].size))
-            for v in (at.mean, self._total(at), shifted, at.deviator)
-        )
-        part = volume[:, None] / mean.shape[1]
-        smooth = square_integrals(mean, part) / self.bulk[:, None]
-        smooth += square_integrals(total, part) / self.two_mu[:, None]
-        result = rest + smooth.sum(axis=1) / 2
-        if self.offset.any():
-            # mean of a polynomial = mean of its coefficients
-            zeta = d[..., 1].mean(axis=2)
-            result = result - self.offset * (part * zeta).sum(axis=1)
-        cell, place = np.nonzero(self.may_yield(s))
-        s = s[cell, place]
-        weight = part[cell, 0]
-        bound, estimate = self._plastic(s, weight, cell)
-        allowed = WORTH[k] * max(result.sum() + estimate.sum(), 0.0)
+        result = rest.copy()
+        yielding = []
+        for cells in portions(count):
+            part = self.of(cells)
+            smooth, cell, s = part._smooth_part(nodal[cells], volume[cells])
+            result[cells] += smooth
+            yielding.append((cells.start + cell, s))
+        cell, s = map(np.concatenate, zip(*yielding, strict=True))
+        weight = volume[cell] * k / nodal.shape[1]
+        parts = len(SPLIT[k])
+        allowed = None
         for level in range(SPLIT_LEVELS[k] + 1):
+            bound, estimate = self._plastic(s, weight, cell)
+            if allowed is None:
+                allowed = WORTH[k] * max(result.sum() + estimate.sum(), 0.0)
+            left = ~worth_keeping(bound - estimate, allowed / 2)
+            sharper = self._sharper(s[left], weight[left], cell[left])
+            bound[left] = np.minimum(bound[left], sharper)
             gain = bound - estimate
-            last = level == SPLIT_LEVELS[k]
-            order = np.argsort(gain)
-            kept = np.full(len(gain), last)
-            kept[order[np.cumsum(gain[order]) <= allowed / 2]] = True
+            kept = worth_keeping(gain, allowed) | (level == SPLIT_LEVELS[k])
             result += np.bincount(cell[kept], bound[kept], minlength=count)
             allowed -= gain[kept].sum()
             if kept.all():
                 break
-            parts = len(SPLIT[k])
             s = np.matmul(SPLIT[k].reshape(-1, k), s[~kept]).reshape(-1, k, self.d)
             weight, cell = (np.repeat(v[~kept], parts) for v in (weight / parts, cell))
-            bound, estimate = self._plastic(s, weight, cell)
         return result
+
+    def _smooth_part(
+        self, nodal: np.ndarray, volume: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Integrals (cells,) of phi* without its plastic part, and where that may not be zero.
+
+        The latter are the cells (n,) of parts, and the coefficients (n, k, d) of ``shifted`` there.
+        """
+        at = self.completed(nodal)
+        k = NODES[nodal.shape[1]]
+        mean, total, s, d = (
+            coefficients(v.reshape(len(nodal), -1, k, v[0, 0].size))
+            for v in (at.mean, self._total(at), self.shifted(at), at.deviator)
+        )
+        part = volume[:, None] / mean.shape[1]
+        squares = square_integrals(mean, part) / self.bulk[:, None]
+        squares += square_integrals(total, part) / self.two_mu[:, None]
+        smooth = squares.sum(axis=1) / 2
+        if self.offset.any():
+            # mean of a polynomial = mean of its coefficients
+            zeta = d[..., 1].mean(axis=2)
+            smooth -= self.offset * (part * zeta).sum(axis=1)
+        cell, place = np.nonzero(self.may_yield(s))
+        return smooth, cell, s[cell, place]
 
     def shifted(self, at: Completed) -> np.ndarray:
         """What the plastic part depends on: s = d - dev alpha_0, (cells, points, d)."""
@@ -278,15 +335,23 @@ class Conjugate:
         two_h = 2 * self.hardening[cell]
         k = s.shape[1]
         bound = square_integrals(beyond(s, self.beta[cell]), volume) / two_h
-        if k in EXACT:
-            bound = np.minimum(
-                bound, excess_integrals(s, self.beta[cell], volume) / two_h
-            )
+        if k in TRIANGLES:
+            quick = excess_integrals(s, self.beta[cell], volume, power=2) / two_h
+            bound = np.minimum(bound, quick)
         inside = beyond(np.matmul(RULE[k], s), self.beta[cell])
         estimate = (
             volume * (np.einsum("tqd,tqd->tq", inside, inside) @ WEIGHTS[k]) / two_h
         )
         return bound, np.minimum(estimate, bound)
+
+    def _sharper(
+        self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
+    ) -> np.ndarray:
+        """A second bound, which takes longer, infinite where there is none."""
+        if s.shape[1] not in TRIANGLES or not self.resistance.is_constant:
+            return np.full(len(s), np.inf)
+        squares = excess_integrals(s, self.beta[cell], volume)
+        return squares / (2 * self.hardening[cell])
 
     def _of_any_law(
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
@@ -315,7 +380,7 @@ class Conjugate:
         beta = resistance.bound(g) - slope * g
         given = resistance.bound(g) * g - slope * g**2 / 2 - resistance.energy(g)
         squares = square_integrals(beyond(s, beta), volume)
-        if s.shape[1] in EXACT:
+        if s.shape[1] in TRIANGLES:
             squares = np.minimum(squares, excess_integrals(s, beta, volume))
         hard = np.where(modulus > 0, modulus, 1.0)
         linear = np.where(modulus > 0, volume * given + squares / (2 * hard), np.inf)

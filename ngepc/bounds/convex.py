@@ -141,6 +141,12 @@ class ConvexConjugate(Conjugate):
         inside = np.where(np.isfinite(inside), inside, 0.0)
         return bound, np.minimum(volume * (inside @ WEIGHTS[s.shape[1]]), bound)
 
+    def _sharper(
+        self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
+    ) -> np.ndarray:
+        """See ``Conjugate``: there is none."""
+        return np.full(len(s), np.inf)
+
     def _plastic_part(self, d: np.ndarray, cell: np.ndarray) -> np.ndarray:
         """F of deviators (parts, k, d)."""
         k = d.shape[1]

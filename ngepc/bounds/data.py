@@ -21,7 +21,14 @@ from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches
 from ngepc.bounds.foundation import Foundation
 from ngepc.bounds.oscillation import CarriedLoads
-from ngepc.bounds.polynomials import AT_POINTS, RULE, SPLIT, TO_NODES, exceeding
+from ngepc.bounds.polynomials import (
+    AT_POINTS,
+    RULE,
+    SPLIT,
+    TO_NODES,
+    exceeding,
+    portions,
+)
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
@@ -140,15 +147,18 @@ class BoundData:
         signs = c.sign[:, :, None, None]
         count = np.where(c.outer, 1.0, 2.0)[:, None, None]
         mean = c.sums(own * signs).reshape(-1, N, N) / count
-        around = (
-            self.patches.repaired(mean, needed, given).reshape(-1, N)[c.slot] * signs
-        )
-        around = around.reshape(len(signs), -1, N)
-        moments = np.matmul(around, c.inverse.transpose(0, 2, 1)).reshape(
-            len(signs), -1
-        )
-        stress = np.concatenate([moments, self.carried.inner], axis=1) @ table.T
-        return np.matmul(stress.reshape(len(signs), -1, len(self.piola[0])), self.piola)
+        repaired = self.patches.repaired(mean, needed, given).reshape(-1, N)
+        components = len(self.piola[0])
+        stress = np.empty((len(signs), len(table) // components, components))
+        for cells in portions(len(signs)):
+            around = repaired[c.slot[cells]] * signs[cells]
+            around = around.reshape(len(around), -1, N)
+            moments = np.matmul(around, c.inverse[cells].transpose(0, 2, 1))
+            moments = moments.reshape(len(around), -1)
+            data = np.concatenate([moments, self.carried.inner[cells]], axis=1)
+            reference = (data @ table.T).reshape(len(data), -1, components)
+            stress[cells] = np.matmul(reference, self.piola[cells])
+        return stress
 
     def at_corners(self, values: np.ndarray) -> np.ndarray:
         """Values at the vertices of each cell of affine functions given at its points (., c)."""

@@ -113,12 +113,12 @@ class TwoLevels(Blocks):
 
     def _on_vertices(self, edge: np.ndarray) -> np.ndarray:
         """The block of K that maps unknowns of edges to forces on vertices."""
-        forces = np.matmul(edge[self._edges][:, None], self._cross)
+        forces = np.einsum("tij,ti->tj", self._cross, edge[self._edges])
         return np.bincount(self._corners.ravel(), forces.ravel(), minlength=self._count)
 
     def _on_edges(self, vertex: np.ndarray) -> np.ndarray:
         """The block of K that maps unknowns of vertices to forces on edges."""
-        forces = np.matmul(self._cross, vertex[self._corners][:, :, None])
+        forces = np.einsum("tij,tj->ti", self._cross, vertex[self._corners])
         return np.bincount(
             self._edges.ravel(), forces.ravel(), minlength=len(self._scale)
         )

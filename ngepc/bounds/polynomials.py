@@ -154,26 +154,42 @@ def beyond(s: np.ndarray, beta: np.ndarray) -> np.ndarray:
     return share[..., None] * s
 
 
+_EIGHT = triangle_rule(8)
 _SIXTEEN = triangle_rule(16)
-EXACT = {3: triangle_rule(8), 6: (quadratics(_SIXTEEN[0]), _SIXTEEN[1])}
-"""Rules for fourth powers of |s|^2: values at the points from the coefficients, and weights."""
+TRIANGLES = (3, 6)
+"""Numbers of coefficients of functions on triangles."""
+
+POWERS = {
+    (2, 3): triangle_rule(4),
+    (4, 3): _EIGHT,
+    (2, 6): (quadratics(_EIGHT[0]), _EIGHT[1]),
+    (4, 6): (quadratics(_SIXTEEN[0]), _SIXTEEN[1]),
+}
+"""Rules for second or fourth powers of |s|^2, by this power and the number of coefficients.
+
+These are values at the points from the coefficients, and weights.
+"""
 
 _DEGREE_SIX = {3: triangle_rule(6), 4: tetrahedron_rule(6)}
 
 
-def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.ndarray:
-    """Upper bound of int (|s| - beta)^2 on triangles, up to fourth powers of variations.
+def excess_integrals(
+    s: np.ndarray, beta: np.ndarray, volume: np.ndarray, power: int = 4
+) -> np.ndarray:
+    """Upper bound of int (|s| - beta)^2 on triangles, up to a power of variations, 4 or 2.
 
-    With r = |s|^2/c - 1 >= m > -1 Taylor's remainder gives
+    With r = |s|^2/c - 1 >= m > -1, m <= 0, Taylor's remainder gives
 
         |s| >= c^(1/2) (1 + r/2 - r^2/8 + r^3/16 - 5/128 (1 + m)^(-7/2) r^4),
+        |s| >= c^(1/2) (1 + r/2 - 1/8 (1 + m)^(-3/2) r^2).
 
-    a polynomial of degree 16 for quadratic s, 8 for affine s.  The coefficients of s bound |s| from
-    below; where that bound is too small, the result is infinite.
+    The first is a polynomial of degree 16 for quadratic s, 8 for affine s, the second of half that
+    degree.  The coefficients of s bound |s| from below; where that bound is too small, the result
+    is infinite.
 
     ``s`` (n, 3 or 6, d) are coefficients; ``beta`` and ``volume`` have the shape (n,).
     """
-    points, weights = EXACT[s.shape[1]]
+    points, weights = POWERS[power, s.shape[1]]
     result = np.zeros(len(s))
     for part in portions(len(s)):
         values = np.matmul(points, s[part])
@@ -184,12 +200,19 @@ def excess_integrals(s: np.ndarray, beta: np.ndarray, volume: np.ndarray) -> np.
         least = np.linalg.norm(mean[:, 0], axis=1)
         least = least - np.linalg.norm(s[part] - mean, axis=2).max(axis=1)
         least = np.maximum(least, 0.0)[:, None] ** 2 / c
-        r = square / c - 1
-        last = 5 / 128 * np.maximum(least, NARROW) ** -3.5
-        size = np.sqrt(c) * (1 + r * (1 / 2 - r * (1 / 8 - r * (1 / 16 - last * r))))
+        size = np.sqrt(c) * root_from_below(square / c - 1, least, power)
         found = (square - 2 * b * size + b**2) @ weights
         result[part] = np.where(least[:, 0] >= NARROW, found, np.inf)
     return result * volume
+
+
+def root_from_below(r: np.ndarray, least: np.ndarray, power: int) -> np.ndarray:
+    """A polynomial of r below (1 + r)^(1/2), of degree 2 or 4, for 1 + r >= ``least``."""
+    least = np.maximum(least, NARROW)
+    if power == 2:
+        return 1 + r * (1 / 2 - least**-1.5 / 8 * r)
+    last = 5 / 128 * least**-3.5
+    return 1 + r * (1 / 2 - r * (1 / 8 - r * (1 / 16 - last * r)))
 
 
 def square_integrals(values: np.ndarray, volume: np.ndarray) -> np.ndarray:

@@ -40,12 +40,12 @@ class Simplices:
         self.nodes = nodes.copy()
         x = self.points[self.nodes]
         self.jacobian = np.ascontiguousarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
-        self.det = np.linalg.det(self.jacobian)
+        self.det = determinants(self.jacobian)
         turned = self.det < 0
         self.nodes[turned, 1:] = self.nodes[turned, :0:-1]
         self.jacobian[turned] = self.jacobian[turned, :, ::-1]
         self.det = np.abs(self.det)
-        self.inverse = np.linalg.inv(self.jacobian)
+        self.inverse = inverses(self.jacobian, self.det)
         self.volume = self.det / math.factorial(self.N)
         first = -self.inverse.sum(axis=1, keepdims=True)
         self.gradients = np.concatenate([first, self.inverse], axis=1)
@@ -116,6 +116,26 @@ class Simplices:
             there[self.nodes[chosen]] = True
             chosen = there[self.nodes].any(axis=1)
         return np.flatnonzero(chosen)
+
+
+def determinants(matrices: np.ndarray) -> np.ndarray:
+    """The determinants (n,) of matrices (n, N, N); for N = 2 without calls for each matrix."""
+    if matrices.shape[1] != 2:
+        return np.linalg.det(matrices)
+    (a, b), (c, d) = np.moveaxis(matrices, 0, 2)
+    return a * d - b * c
+
+
+def inverses(matrices: np.ndarray, det: np.ndarray) -> np.ndarray:
+    """The inverses (n, N, N) of matrices with these determinants."""
+    if matrices.shape[1] != 2:
+        return np.linalg.inv(matrices)
+    result = np.empty_like(matrices)
+    result[:, 0, 0] = matrices[:, 1, 1]
+    result[:, 1, 1] = matrices[:, 0, 0]
+    result[:, 0, 1] = -matrices[:, 0, 1]
+    result[:, 1, 0] = -matrices[:, 1, 0]
+    return result / det[:, None, None]
 
 
 def marked(indicators: np.ndarray, share: float) -> np.ndarray:

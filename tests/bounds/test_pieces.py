@@ -1,6 +1,7 @@
 """Pieces of the bounds beside plain statements: balance, the adjoint's rows, the third stress."""
 
 import math
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 from ngsolve import x
 
-from ngepc import Material, Problem, Tabulated, semismooth_newton
+from ngepc import Material, Problem, Swift, Tabulated, Voce, semismooth_newton
 from ngepc.bounds.adjoint import AdjointProblem
+from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.bound import bound_data_of, state_of
 from ngepc.bounds.check_receipt import rolled
 from ngepc.bounds.conjugate import R6, Conjugate
@@ -70,6 +72,46 @@ def test_the_third_stress_is_the_nearest():
     np.testing.assert_array_equal(found[..., [1, 3]], stress[..., 1:])
     slope = (energy(zeta + 1e-3) - energy(zeta - 1e-3)) / 2e-3
     np.testing.assert_allclose(slope, 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("law", [None, Voce(1.5, 1.0, 50.0), Swift(1.5, 0.004, 0.4)])
+def test_the_third_stress_makes_the_dual_density_least(law):
+    """In plane strain: its derivative by zeta vanishes, whether the stress yields or not."""
+    material = METAL
+    if law is not None:
+        material = Material.with_law(lame_lambda=1.5e3, lame_mu=1e3, law=law)
+        material = replace(material, hardening=40.0)
+    bound_data, _ = solved(material, traction={"contact": (0.0, -1.0)})
+    conjugate = bound_data.conjugate
+    count = len(conjugate.bulk)
+    z = 4.0 * np.random.default_rng(0).normal(size=(count, 9, 3))
+    at = conjugate.completed(z)
+    assert 0 < np.count_nonzero(at.over) < at.over.size
+    strain = conjugate.deviatoric_strain(at)[..., 1]
+    volume = at.mean / conjugate.bulk[:, None]
+    slope = strain - volume / R6
+    assert np.abs(slope).max() <= 1e-7 * np.abs(strain).max()
+
+
+@pytest.mark.parametrize("degree", [3, 4])
+def test_stiffness_matrices_belong_to_the_map_of_the_unknowns(degree):
+    """Blocks, stresses and forces are those of one matrix for each triangle."""
+    bound_data, _ = solved()
+    space = AirySpace(bound_data.boundary, degree, bound_data.piola)
+    count, n = space.unknowns.shape
+    unit = np.broadcast_to(np.eye(n), (count, n, n))
+    columns = [space._on_reference(unit[:, k]) for k in range(n)]
+    rows = [space._from_reference(unit[:, k]) for k in range(n)]
+    T = np.stack(columns, axis=2)
+    np.testing.assert_allclose(np.stack(rows, axis=1), T, atol=1e-14)
+
+    random = np.random.default_rng(0).normal(size=(count, n, n))
+    K = random + random.swapaxes(1, 2)
+    whole = np.matmul(T.swapaxes(1, 2), np.matmul(K, T))
+    blocks = space._blocks(K)
+    wanted = whole[:, :9, :9], whole[:, 9:, :9], whole[:, 9:, 9:]
+    for given, part in zip(blocks, wanted, strict=True):
+        np.testing.assert_allclose(given, part, atol=1e-10)
 
 
 def test_a_straight_law_beyond_yield_is_integrated_exactly():

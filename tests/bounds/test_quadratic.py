@@ -52,8 +52,9 @@ def test_plastic_integrals_from_below(spread, accuracy):
 
 
 @pytest.mark.parametrize("k", [3, 6])
+@pytest.mark.parametrize("power", [2, 4])
 @pytest.mark.parametrize(("spread", "accuracy"), [(0.05, 1e-5), (0.3, 3e-2)])
-def test_plastic_integrals_from_above(spread, accuracy, k):
+def test_plastic_integrals_from_above(spread, accuracy, power, k):
     """Of affine and quadratic functions, against many points."""
     random = np.random.default_rng(0)
     s = 2 * random.standard_normal((40, 1, 3))
@@ -62,7 +63,7 @@ def test_plastic_integrals_from_above(spread, accuracy, k):
     values = np.matmul(places if k == 3 else quadratics(places), s)
     one = np.ones(40)
     exact = ((np.linalg.norm(values, axis=2) - 1.0) ** 2).mean(axis=1)
-    found = excess_integrals(s, one, one)
+    found = excess_integrals(s, one, one, power)
     likely = np.isfinite(found)
     assert likely.sum() > 20
     assert (found >= exact * (1 - 1e-3 * spread)).all()

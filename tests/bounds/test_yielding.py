@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from ngepc.bounds.cutting import coefficient_means
-from ngepc.bounds.polynomials import EXACT, tetrahedron_rule
+from ngepc.bounds.polynomials import POWERS, tetrahedron_rule
 from ngepc.bounds.supremum import ScaledLaw
 from ngepc.bounds.yielding import by_components
 
 PARTS = 40
 FACTOR = 1.7
-RULES = {3: EXACT[3], 4: tetrahedron_rule(6), 6: EXACT[6]}
+RULES = {3: POWERS[4, 3], 4: tetrahedron_rule(6), 6: POWERS[4, 6]}
 
 
 class Parts:
