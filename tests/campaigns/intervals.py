@@ -189,13 +189,15 @@ class Verdicts(Work):
         intervals = []
 
         def keep(record):
-            late = time.process_time() - begin > SECONDS
-            if late:
+            spent = time.process_time() - begin
+            if spent > SECONDS:
                 raise StopIteration
             intervals.append((record.nodes, record.lower, record.upper))
             width = record.upper - record.lower
             middle = abs(record.upper + record.lower) / 2
-            if width / 2 < min(BESIDE) / 2 * middle:
+            narrow = width / 2 < min(BESIDE) / 2 * middle
+            # the next mesh takes as long as all before
+            if narrow or spent > SECONDS / 2:
                 raise StopIteration
 
         try:
