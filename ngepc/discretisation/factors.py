@@ -67,7 +67,7 @@ class Factors:
 
     def update(self, moduli: Any) -> None:
         """Assemble and factorise; FactorisationError if the direct solver gives up."""
-        self._stiffness.entries(self._matrix)[:] = self._stiffness.values(moduli)
+        self._stiffness.values(moduli, self._stiffness.entries(self._matrix))
         self.moduli = moduli
         self.back_substitutions = 0
         self._factorise()

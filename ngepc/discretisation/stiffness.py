@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -79,24 +78,20 @@ class Stiffness(Blocks):
         )
         return np.searchsorted(keys, wanted)
 
-    def summed(self, data: Any) -> np.ndarray:
-        """The blocks without added and held entries, shape (blocks, N, N)."""
+    def summed(self, data: Any, out: np.ndarray | None = None) -> np.ndarray:
+        """The blocks without added and held entries, shape (blocks, N, N), in ``out`` if given."""
         raise NotImplementedError
 
-    def values(self, data: Any) -> np.ndarray:
-        """The blocks, shape (blocks, N, N)."""
-        values = self.summed(data)
+    def values(self, data: Any, out: np.ndarray | None = None) -> np.ndarray:
+        """The blocks, shape (blocks, N, N), in ``out`` if given."""
+        values = self.summed(data, out)
         places, blocks = self._added
         values[places] += blocks
         return self.held(values)
 
-    @cached_property
-    def _pattern(self) -> BaseMatrix:
-        return pattern_matrix(self._space)
-
     def matrix(self) -> BaseMatrix:
-        """A new matrix for NGSolve's direct solvers that read the lower half."""
-        return self._pattern.CreateMatrix()
+        """A new matrix of NGSolve, of which the lower half is stored."""
+        return pattern_matrix(self._space)
 
     def entries(self, matrix: BaseMatrix) -> np.ndarray:
         """View of the blocks of such a matrix, shape (blocks, N, N)."""
@@ -106,16 +101,20 @@ class Stiffness(Blocks):
         """Both triangles of such a matrix, number by number, for solvers that need them."""
         return both_triangles(self._lower(self.entries(matrix)))
 
-    def symmetric(self, values: np.ndarray) -> csr_matrix:
-        """The matrix of some blocks, number by number, with both triangles."""
-        lower = tril(self._lower(values)).tocsr()
+    def symmetric(
+        self, values: np.ndarray, chosen: slice | np.ndarray = slice(None)
+    ) -> csr_matrix:
+        """The matrix of all or some blocks, number by number, with both triangles."""
+        lower = tril(self._lower(values, chosen)).tocsr()
         return (lower + tril(lower, -1).T).tocsr()
 
-    def _lower(self, values: np.ndarray) -> bsr_matrix:
-        """The blocks on and below the diagonal as a matrix."""
-        starts = np.searchsorted(self.rows, np.arange(len(self.free) + 1))
+    def _lower(
+        self, values: np.ndarray, chosen: slice | np.ndarray = slice(None)
+    ) -> bsr_matrix:
+        """The blocks on and below the diagonal, or some of them, as a matrix."""
+        starts = np.searchsorted(self.rows[chosen], np.arange(len(self.free) + 1))
         shape = (self.free.size, self.free.size)
-        return bsr_matrix((values, self.columns, starts), shape=shape)
+        return bsr_matrix((values, self.columns[chosen], starts), shape=shape)
 
 
 class ElementStiffness(Stiffness):
@@ -149,9 +148,12 @@ class ElementStiffness(Stiffness):
         gather = csr_matrix((self._ones[: len(order)], columns, starts), shape=shape)
         return touched.astype(np.int32), gather
 
-    def summed(self, data: Moduli) -> np.ndarray:
+    def summed(self, data: Moduli, out: np.ndarray | None = None) -> np.ndarray:
         """See ``Stiffness``."""
-        values = np.zeros((len(self.rows), self.N**2))
+        if out is None:
+            out = np.empty((len(self.rows), self.N, self.N))
+        values = out.reshape(len(self.rows), self.N**2)
+        values[:] = 0.0
 
         def blocks_of(given: tuple[Elements, tuple]) -> tuple[np.ndarray, np.ndarray]:
             """Positions of the blocks of some elements, and the contributions to them."""
@@ -163,7 +165,7 @@ class ElementStiffness(Stiffness):
             parts = list(zip(block.parts, gathers, strict=True))
             for touched, added in in_order(blocks_of, parts):
                 values[touched] += added
-        return values.reshape(-1, self.N, self.N)
+        return out
 
 
 class SymbolicStiffness(Stiffness):
@@ -186,10 +188,14 @@ class SymbolicStiffness(Stiffness):
         self._form += form(*self._space.TnT())
         self._enter = enter
 
-    def summed(self, data: Any) -> np.ndarray:
+    def summed(self, data: Any, out: np.ndarray | None = None) -> np.ndarray:
         """See ``Stiffness``."""
         self._enter(data)
-        return self.entries(self._form.Assemble().mat)
+        blocks = self.entries(self._form.Assemble().mat)
+        if out is None:
+            return blocks
+        out[:] = blocks
+        return out
 
 
 def by_moduli(points: Points, free: np.ndarray) -> SymbolicStiffness:

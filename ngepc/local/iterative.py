@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from itertools import islice, pairwise
-from typing import Annotated, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags
@@ -38,15 +38,35 @@ CHUNK = 250_000
 class Preconditioner(Protocol):
     """Symmetric positive definite maps of vectors for tangents with closed rows pinned.
 
-    Each process has the matrices of its own elements.  All matrices are the same object, with new
-    values in each call.
+    Each process has the matrices of its own elements.  All matrices are the same object, the one
+    of the ``Storage``, with new values in each call.
     """
 
-    def coarsen(self, matrix: csr_matrix) -> None:
+    def coarsen(self, matrix: Any) -> None:
         """Make coarse spaces for the first tangent, in which nothing is pinned."""
 
-    def update(self, pinned: csr_matrix) -> Linear:
+    def update(self, pinned: Any) -> Linear:
         """The map for a pinned tangent."""
+
+
+class Storage(Protocol):
+    """A tangent in memory: its values change in place."""
+
+    matrix: Any
+    """What preconditioners are made from."""
+
+    def fill(self, data: Any) -> None:
+        """Assemble the tangent for data of ``Stiffness``."""
+
+    def multiply(self, x: np.ndarray) -> np.ndarray:
+        """The tangent times displacements, flat."""
+
+    def pin(self, nodes: np.ndarray, projections: np.ndarray) -> csr_matrix:
+        """Pin directions of some nodes; returns what that leaves out.
+
+        ``projections`` (k, N, N) keep the free directions.  The others are projected out of the
+        blocks and get a diagonal of similar size.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,10 +80,12 @@ class Iterative(Declared):
         """The tangent of a discrete problem, assembled by ``stiffness``."""
         return IterativeTangent(body, stiffness, self)
 
-    def preconditioner(
-        self, pattern: FullPattern, body: DiscreteBody
-    ) -> Preconditioner:
-        """A function that makes preconditioners for matrices with this pattern."""
+    def storage(self, stiffness: Stiffness) -> Storage:
+        """What stores the tangents: by default matrices of both triangles."""
+        return FullStorage(stiffness)
+
+    def preconditioner(self, storage: Any, body: DiscreteBody) -> Preconditioner:
+        """A function that makes preconditioners for the matrices of a storage."""
         raise NotImplementedError
 
 
@@ -162,6 +184,70 @@ def rows_in_order(starts: np.ndarray, size: int) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
+class FullStorage:
+    """A tangent as one CSR matrix of both triangles, see ``Storage``."""
+
+    matrix: csr_matrix | None = None
+
+    def __init__(self, stiffness: Stiffness) -> None:
+        self._stiffness = stiffness
+        self.pattern = FullPattern(stiffness)
+
+    def fill(self, data: Any) -> None:
+        """See ``Storage``."""
+        before = self.matrix
+        self.matrix = self.pattern.matrix(self._stiffness.values(data), before)
+        if before is None:
+            self._product = Product(self.matrix)
+
+    def multiply(self, x: np.ndarray) -> np.ndarray:
+        """See ``Storage``."""
+        return self._product @ x
+
+    def pin(self, nodes: np.ndarray, projections: np.ndarray) -> csr_matrix:
+        """See ``Storage``."""
+        blocks = self.pattern.blocks
+        number = place_among(nodes, blocks.shape[0])
+        pinned = number >= 0
+        in_rows = np.repeat(pinned, np.diff(blocks.indptr))
+        pairs = np.flatnonzero(in_rows | pinned[blocks.indices])
+        rows = self.pattern.rows_of(pairs)
+        columns = blocks.indices[pairs]
+        places = self.pattern.places(pairs)
+        before = self.matrix.data[places]
+        after = pinned_blocks(before, projections, number[rows], number[columns])
+        self.matrix.data[places] = after
+        starts = np.searchsorted(rows, np.arange(blocks.shape[0] + 1))
+        arrays = before - after, columns, starts
+        return bsr_matrix(arrays, shape=self.matrix.shape).tocsr()
+
+
+def place_among(nodes: np.ndarray, count: int) -> np.ndarray:
+    """The place of each of ``count`` nodes among some of them, -1 for the others."""
+    number = np.full(count, -1)
+    number[nodes] = np.arange(len(nodes))
+    return number
+
+
+def pinned_blocks(
+    blocks: np.ndarray, projections: np.ndarray, rows: np.ndarray, columns: np.ndarray
+) -> np.ndarray:
+    """Blocks (k, N, N) without the pinned directions of their rows and columns.
+
+    ``rows`` and ``columns`` are numbers among the ``projections``, -1 where nothing is pinned.  In
+    a pinned direction the diagonal is a mean of the diagonal of the block.
+    """
+    N = blocks.shape[1]
+    unit = np.eye(N)
+    free = np.concatenate([projections, unit[None]])
+    of_rows = free[rows]
+    pinned = of_rows @ blocks @ free[columns]
+    same = (rows == columns) & (rows >= 0)
+    size = np.trace(blocks[same], axis1=1, axis2=2)[:, None, None] / N
+    pinned[same] += size * (unit - of_rows[same])
+    return pinned
+
+
 class IterativeTangent:
     """A tangent that is never factorised, with a new hierarchy for each state.
 
@@ -179,26 +265,26 @@ class IterativeTangent:
         self._processes = body.contact.processes
         self.forcing = solver.forcing
         self._most = solver.max_iterations
-        self._stiffness = stiffness
-        self._pattern = FullPattern(stiffness)
-        self._preconditioner = solver.preconditioner(self._pattern, body)
+        self._storage = solver.storage(stiffness)
+        self._preconditioner = solver.preconditioner(self._storage, body)
         self._left_out: csr_matrix | None = None
         self._precondition: Linear | None = None
-        self.matrix: csr_matrix | None = None
         self.back_substitutions = self.linear_iterations = 0
+
+    @property
+    def matrix(self) -> Any:
+        """The present tangent, with pinned directions after the first solve."""
+        return self._storage.matrix
 
     def linearise(self, here: Iterate) -> None:
         """Assemble the tangent at a state; the first solve makes a hierarchy."""
-        before = self.matrix
-        self.matrix = self._pattern.matrix(self._stiffness.values(here.moduli), before)
-        if before is None:
-            self._product = Product(self.matrix)
+        self._storage.fill(here.moduli)
         self._left_out = None
         self.back_substitutions = self.linear_iterations = 0
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """The tangent times nodal displacements, flat."""
-        image = self._product @ x
+        image = self._storage.multiply(x)
         if self._left_out is not None:
             image += self._left_out @ x
         return self._processes.summed(image.reshape(self._body.free.shape)).ravel()
@@ -212,39 +298,8 @@ class IterativeTangent:
             return
         if self._precondition is None:
             self._preconditioner.coarsen(self.matrix)
-        self._left_out = self._pin(closed)
+        self._left_out = self._storage.pin(*closed.pins(self._body.free.shape[1]))
         self._precondition = self._preconditioner.update(self.matrix)
-
-    def _pin(self, closed: Closed) -> csr_matrix:
-        """Pin the directions of closed rows in the matrix; returns what that leaves out.
-
-        These directions are projected out of the blocks and get a diagonal of similar size.
-        """
-        blocks = self._pattern.blocks
-        N = self._stiffness.N
-        count = blocks.shape[0]
-        nodes, projections = closed.pins(N)
-        number = np.full(count, -1)
-        number[nodes] = np.arange(len(nodes))
-        free = np.concatenate([projections, np.eye(N)[None]])  # number -1: not pinned
-
-        pinned = number >= 0
-        in_rows = np.repeat(pinned, np.diff(blocks.indptr))
-        pairs = np.flatnonzero(in_rows | pinned[blocks.indices])
-        rows = self._pattern.rows_of(pairs)
-        columns = blocks.indices[pairs]
-        of_rows = free[number[rows]]
-        places = self._pattern.places(pairs)
-        before = self.matrix.data[places]
-        after = of_rows @ before @ free[number[columns]]
-        same = rows == columns
-        size = np.trace(before[same], axis1=1, axis2=2)[:, None, None] / N
-        after[same] += size * (np.eye(N) - of_rows[same])
-
-        self.matrix.data[places] = after
-        starts = np.searchsorted(rows, np.arange(count + 1))
-        arrays = before - after, columns, starts
-        return bsr_matrix(arrays, shape=self.matrix.shape).tocsr()
 
     def solve(self, forces: np.ndarray, accuracy: float = ACCURACY) -> np.ndarray:
         """Displacements, zero where held, that answer nodal forces; both (nodes, N).

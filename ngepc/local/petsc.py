@@ -14,6 +14,7 @@ from ngepc.linalg.aggregation import COARSEST, DAMPING, aggregates, incidence, t
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import (
     FullPattern,
+    FullStorage,
     Iterative,
     Preconditioner,
     low_energy_modes,
@@ -97,10 +98,10 @@ class PETSc(Iterative):
         super().__post_init__()
 
     def preconditioner(
-        self, pattern: FullPattern, body: DiscreteBody
+        self, storage: FullStorage, body: DiscreteBody
     ) -> Preconditioner:
         """A preconditioner of PETSc that is set up anew for each matrix."""
-        return PETScPreconditioner(pattern, body, self.options)
+        return PETScPreconditioner(storage.pattern, body, self.options)
 
 
 class PETScPreconditioner:

@@ -9,15 +9,12 @@ import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, eye
 
 from ngepc.discretisation.body import DiscreteBody
+from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.aggregation import COARSEST
 from ngepc.linalg.cycle import Level, coarsest_solver, level_and_coarser, v_cycle
 from ngepc.linalg.descent import Linear
-from ngepc.local.iterative import (
-    FullPattern,
-    Iterative,
-    Preconditioner,
-    low_energy_modes,
-)
+from ngepc.local.iterative import Iterative, Preconditioner, low_energy_modes
+from ngepc.local.lower import FinestLevel, LowerStorage
 from ngepc.model.processes import require_whole
 
 try:
@@ -48,52 +45,73 @@ class PyAMG(Iterative):
             raise ImportError("PyAMG() needs pyamg: 'pip install pyamg'")
         super().__post_init__()
 
+    def storage(self, stiffness: Stiffness) -> LowerStorage:
+        """Tangents as blocks on and below the diagonal."""
+        return LowerStorage(stiffness)
+
     def preconditioner(
-        self, pattern: FullPattern, body: DiscreteBody
+        self, storage: LowerStorage, body: DiscreteBody
     ) -> Preconditioner:
         """V-cycles on the coarse spaces of the first tangent."""
         require_whole("inverse=PyAMG()", body.problem.mesh)
-        return VCycles(pattern, body)
+        return VCycles(storage, body)
 
 
 class VCycles:
-    """V-cycles on the coarse spaces of the first tangent, see ``Preconditioner``."""
+    """V-cycles on the coarse spaces of the first tangent, see ``Preconditioner``.
 
-    def __init__(self, pattern: FullPattern, body: DiscreteBody) -> None:
+    With displacements of order two the linear functions at the vertices form the second level.
+    """
+
+    def __init__(self, storage: LowerStorage, body: DiscreteBody) -> None:
         self._N = body.problem.N
-        self._modes = low_energy_modes(body)
-        self._spaces: list[csr_matrix] = []
-        self._restrictions: list[csr_matrix] = []
+        vertices = body.problem.mesh.nv
+        self._linear = storage.leading(vertices)
+        self._modes = low_energy_modes(body)[: self._N * vertices]
+        self._size = body.free.size
+        self._pairs: list[tuple[csr_matrix, csr_matrix]] = []
 
-    def coarsen(self, matrix: csr_matrix) -> None:
+    def coarsen(self, matrix: LowerStorage) -> None:
         """See ``Preconditioner``."""
-        self._spaces = coarse_spaces(matrix, self._modes, self._N)
-        self._restrictions = [space.T.tocsr() for space in self._spaces]
+        spaces = coarse_spaces(self._linear.matrix(), self._modes, self._N)
+        if self._has_more_nodes:
+            spaces.insert(0, eye(self._size, len(self._modes), format="csr"))
+        self._pairs = [(space, space.T.tocsr()) for space in spaces]
 
-    def update(self, pinned: csr_matrix) -> Linear:
+    @property
+    def _has_more_nodes(self) -> bool:
+        """Whether there are nodes that are no vertices."""
+        return self._size > len(self._modes)
+
+    def update(self, pinned: LowerStorage) -> Linear:
         """See ``Preconditioner``."""
-        make = partial(Level, sweep=pyamg.amg_core.gauss_seidel)
+        coarser = partial(Level, sweep=pyamg.amg_core.gauss_seidel)
+
+        def finest(_: csr_matrix, *pair: csr_matrix) -> FinestLevel:
+            """The level of the pinned matrix."""
+            return pinned.level(*pair)
+
+        matrix = self._linear.matrix()
+        pairs = list(self._pairs)
         levels = []
-        for pair in zip(self._spaces, self._restrictions, strict=True):
-            level, pinned = level_and_coarser(make, pinned, *pair)
+        if self._has_more_nodes:
+            levels.append(pinned.level(*pairs.pop(0)))
+        for pair in pairs:
+            make = coarser if levels else finest
+            level, matrix = level_and_coarser(make, matrix, *pair)
             levels.append(level)
-        return partial(v_cycle, levels, coarsest_solver(pinned))
+        return partial(v_cycle, levels, coarsest_solver(matrix))
 
 
 def coarse_spaces(matrix: csr_matrix, modes: np.ndarray, N: int) -> list[csr_matrix]:
     """Interpolations from each level to the next finer one by smoothed aggregation, finest first.
 
     Of a positive definite matrix with N unknowns for each node, and of vectors of low energy
-    (unknowns, k).  Trailing unknowns that no mode has, those of order two, form a level of their
-    own.  Weights of the smoothing are computed from rows, without random vectors.
+    (unknowns, k).  Weights of the smoothing are computed from rows, without random vectors.
     """
-    found = []
-    count = len(modes) - int((modes != 0).any(axis=1)[::-1].argmax())
-    if count < len(modes):
-        found.append(eye(len(modes), count, format="csr"))
-    blocks = bsr_matrix(matrix[:count, :count], blocksize=(N, N))
+    blocks = bsr_matrix(matrix, blocksize=(N, N))
     choices = {"smooth": ("jacobi", {"weighting": "local"}), "improve_candidates": None}
     levels = pyamg.smoothed_aggregation_solver(
-        blocks, modes[:count], strength=None, max_coarse=COARSEST, **choices
+        blocks, modes, strength=None, max_coarse=COARSEST, **choices
     ).levels
-    return found + [level.P.tocsr() for level in levels[:-1]]
+    return [level.P.tocsr() for level in levels[:-1]]

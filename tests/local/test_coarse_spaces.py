@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from samples import grid_laplacian
-from scipy.sparse import eye
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from ngepc.local.pyamg import coarse_spaces
@@ -37,12 +36,3 @@ def iterations(n):
 def test_iterations_do_not_grow_with_the_grid():
     assert iterations(40) <= 20
     assert iterations(120) <= iterations(40) + 4
-
-
-def test_order_two_has_a_first_level_of_its_own():
-    matrix = grid_laplacian(30)
-    modes = np.ones((900, 1))
-    modes[600:] = 0
-    spaces = coarse_spaces(matrix, modes, 1)
-    assert (spaces[0] != eye(900, 600)).nnz == 0
-    assert spaces[1].shape[0] == 600
