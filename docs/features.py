@@ -62,8 +62,6 @@ problem has.
 TAIL = """
 A method may cover two features but not both at once. These pairs are refused, too:
 
-- Bounds and brackets in plane stress, and bounds with Hill's criterion or with sub-elements, need
-  `order=1`. Order 2 is the default.
 - Bounds of order 2 in three dimensions do not cover friction.
 - Receipts in three dimensions need `order=1`. They need obstacles that are affine on each facet
   of the contact boundary.

@@ -45,6 +45,7 @@ SLOW = (
     "bounds/test_receipt.py",
     "bounds/test_solid.py",
     "bounds/test_supremum_of_laws.py",
+    "bounds/test_thin.py",
     "bounds/test_verdicts.py",
     "bridges/test_functions.py",
     "campaigns",

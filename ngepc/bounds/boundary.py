@@ -95,8 +95,9 @@ class Boundary(OuterFacets):
     functions, of the edges opposite to the vertices.  ``elastic`` are the numbers of the facets
     with springs, ``stiffness`` (elastic facets, N, N) their matrices K: the traction is -K u.
 
-    ValueError for friction or displacements that are not affine on facets, for springs that are
-    not constant there, and for boundaries inside the body.
+    ValueError for friction or displacements that are not affine on facets (displacements at the
+    start of the step: quadratic for order two in the plane), for springs that are not constant
+    there, and for boundaries inside the body.
     """
 
     def __init__(self, problem: Problem, cells: Simplices) -> None:
@@ -202,7 +203,22 @@ class Boundary(OuterFacets):
             self.affine("friction", bound, on)[:, :, 0], on
         )
         if self.problem.initial_displacement is not None:
-            self.affine("initial_displacement", self.problem.u_0, on)
+            self._check_start(on)
+
+    def _check_start(self, on: np.ndarray) -> None:
+        """Refuse displacements at the start of the step that are not known at the nodes."""
+        name = "initial_displacement"
+        if self.problem.order == 1 or self.cells.N == 3:
+            self.affine(name, self.problem.u_0, on)
+            return
+        values = self.values(self.problem.u_0, on)
+        defect = np.abs(self.rule.quadratic_defect(values)).max(initial=0.0)
+        hidden = len(self.scan(self.problem.u_0, on).hidden) > 0
+        if hidden or defect > CONSTANT * np.abs(values).max(initial=1e-300):
+            raise ValueError(
+                f"{name} is not quadratic on the boundary elements, as bounds of order 2 "
+                "need it"
+            )
 
 
 def hidden_traction(

@@ -98,7 +98,7 @@ class Conjugate:
         self.whole = self.d != 3  # no direction without an equation
         self.thin = law.across is not None
         self.offset = np.zeros(len(self.bulk))
-        if not (self.whole or np.ndim(law.distortion) == 0):
+        if not (self.whole or self.thin or np.ndim(law.distortion) == 0):
             offset = law.swelling / R6 - law.distortion[:, 1]
             self.offset = offset[::each]
 

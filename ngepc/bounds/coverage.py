@@ -7,12 +7,8 @@ from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule
 
 from ngepc.discretisation.sampling import Scan
 from ngepc.model.elements import has_straight_simplices
-from ngepc.model.features import (
-    BASIC_FEATURES,
-    FEATURES,
-    HISTORY_FEATURES,
-    require_covered,
-)
+from ngepc.model.features import BASIC_FEATURES, HISTORY_FEATURES, require_covered
+from ngepc.model.material import is_vector
 from ngepc.model.problem import Problem
 
 COVERS = (
@@ -22,13 +18,6 @@ COVERS = (
     | {"anisotropic yield", "cyclic hardening", "springs"}
 )
 """Features that guaranteed bounds cover; friction in three dimensions with order 1 only."""
-
-FIRST_ORDER = {
-    "plane stress": "a bound in plane stress",
-    "anisotropic yield": "a bound with Hill's criterion",
-    "cyclic hardening": "a bound with sub-elements",
-}
-"""Features that bounds cover for displacements of order 1: phi is no polynomial on a cell."""
 
 # part of its largest value by which a coefficient may vary on an element and count as constant
 CONSTANT = 1e-10
@@ -68,6 +57,12 @@ class FacetRule:
     def affine_defect(self, values: np.ndarray) -> np.ndarray:
         """By how much values (facets, points, k) exceed the affine function of their vertices."""
         return values - self.shares @ values[:, : self.shares.shape[1]]
+
+    def quadratic_defect(self, values: np.ndarray) -> np.ndarray:
+        """By how much values (segments, points, k) exceed the parabola of ends and middle."""
+        defect = self.affine_defect(values)
+        bubble = 4 * self.shares.prod(axis=1)
+        return defect - bubble[:, None] * defect[:, 2:3]
 
     def bubbles(self, values: np.ndarray) -> np.ndarray:
         """Coefficients of edge functions, (facets, 3), of scalars (facets, points) on triangles.
@@ -131,9 +126,6 @@ def check_covered(problem: Problem) -> None:
     if problem.N == 3 and problem.order == 2:
         covers = COVERS - {"friction"}
         require_covered(problem, "a bound of order 2 in three dimensions", covers)
-    for feature, what in FIRST_ORDER.items():
-        if FEATURES[feature].found(problem):
-            require_covered(problem, what, COVERS - {"order 2"})
     material = problem.material
     scalar, back = problem.alpha_0
     coefficients = {
@@ -154,8 +146,11 @@ def check_covered(problem: Problem) -> None:
         coefficients |= {f"material.law (datum {k})": value for k, value in data}
     if material.hill is not None:
         coefficients |= {f"hill.{k}": value for k, value in vars(material.hill).items()}
+    if is_vector(problem.initial_hardening):
+        coefficients["initial_hardening"] = problem.initial_hardening
+    radial = material.hill is None and material.overlay is None
     for name, value in coefficients.items():
-        affine = problem.order == 2 and name in AFFINE
+        affine = problem.order == 2 and name in AFFINE and radial
         if isinstance(value, CoefficientFunction) and varies_inside(
             problem, value, affine
         ):

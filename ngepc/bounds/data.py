@@ -14,21 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.conjugate import R6, flow_potential, least_potential
+from ngepc.bounds.conjugate import R6
 from ngepc.bounds.contact import ContactFacets
 from ngepc.bounds.convex import conjugate_of
+from ngepc.bounds.densities import AT_CORNERS, missed
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches
 from ngepc.bounds.foundation import Foundation
 from ngepc.bounds.oscillation import CarriedLoads
-from ngepc.bounds.polynomials import (
-    AT_POINTS,
-    RULE,
-    SPLIT,
-    TO_NODES,
-    exceeding,
-    portions,
-)
+from ngepc.bounds.polynomials import AT_POINTS, TO_NODES, portions
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
@@ -36,12 +30,8 @@ from ngepc.local.system import DiscreteProblem, State
 # tolerance of equilibrium relative to the largest nodal force, and the most corrections
 BALANCED = 1e-12
 PASSES = 2
-PARTED = 2  # how often cells are split for lower bounds of integrals of a hardening law
 UNSTRAINED = 1e-8
 """Strain whose forces are the smallest scale for residuals of equilibrium."""
-
-# values of affine functions at the vertices from those at the three or four points
-AT_CORNERS = {3: 2 * np.eye(3)[[1, 2, 0]] - 1 / 3, 4: np.linalg.inv(RULE[4])}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,35 +221,7 @@ class BoundData:
         area = self.cells.volume
         if self.each == 1:
             return np.zeros(len(area))
-        if not self.discrete.law.resistance.is_constant:
-            return self._missed_by_any_law(state)
-        law = self.conjugate
-        k = self.each
-        over = np.maximum(state.at.size - self.discrete.law.beta, 0.0).reshape(-1, k)
-        summed = area * np.einsum("tq,tq->t", over, over) / k
-        least = exceeding(self.at_corners(state.at.trial), law.beta, area)
-        return (summed - least) / (2 * (law.two_mu + law.hardening))
-
-    def _missed_by_any_law(self, state: State) -> np.ndarray:
-        """The same for a nonlinear hardening law.
-
-        phi is the elastic density less G(|s|), the F of ``Conjugate`` with M = 2 mu_2 + h for h.
-        """
-        law = self.discrete.law
-        at = state.at
-        density = flow_potential(law.resistance, law.modulus, at.size, at.gained)
-        k = self.each
-        summed = self.cells.volume * density.reshape(-1, k).mean(axis=1)
-        cells = np.flatnonzero(at.yields.reshape(-1, k).any(axis=1))
-        s = self.at_corners(at.trial)[cells]
-        area = self.cells.volume[cells]
-        for _ in range(PARTED):
-            parts = len(SPLIT[k])
-            s = np.matmul(SPLIT[k].reshape(-1, k), s).reshape(-1, k, s.shape[2])
-            area, cells = (np.repeat(v, parts) for v in (area / parts, cells))
-        M = law.modulus[:: self.each][cells]
-        found = least_potential(self.conjugate.resistance.of(cells), M, s, area)
-        return summed - np.bincount(cells, found, minlength=len(summed))
+        return missed(self.discrete.law, state.at, area, self.at_corners)
 
     def strain(self, state: State) -> np.ndarray:
         """Strain coordinates whose product with a stress is sigma : eps, shape of ``on_parts``."""

@@ -43,8 +43,7 @@ from ngepc.local.result import ExactResult
 from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem
 
-COVERS = BOUNDED - {"plane stress"}
-COVERS -= {"anisotropic yield", "cyclic hardening"}
+COVERS = BOUNDED - {"anisotropic yield", "cyclic hardening"}
 """Features that goal bounds cover."""
 
 STEP = 1.3
@@ -183,9 +182,8 @@ def goal_bound(result: object, goal: object) -> GoalBound:
     TypeError
         If ``result`` is not the result of a solver, or ``goal`` is not a goal.
     ValueError
-        For problems that goal bounds do not cover; the message names the argument: plane
-        stress, loads that vary inside elements, and everything that
-        error bounds do not cover.
+        For problems that goal bounds do not cover; the message names the argument: loads that
+        vary inside elements, and everything that error bounds do not cover.
     RuntimeError
         As ``error_bound``, and where the error bound is infinite.
     """

@@ -35,8 +35,8 @@ from ngepc.model.data import Vector
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 
-COVERS = BOUNDED - {"friction", "anisotropic yield", "cyclic hardening"}
-"""Features that brackets cover: those of bounds, without friction, for slopes of the energy."""
+COVERS = BOUNDED - {"anisotropic yield", "cyclic hardening"}
+"""Features that brackets cover."""
 
 PASSES = 3  # largest number of lengths that are tried on each side
 MOST_STEPS = 100  # Newton steps of each solve

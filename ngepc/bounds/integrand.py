@@ -18,7 +18,7 @@ import numpy as np
 
 from ngepc.bounds.adjoint import Adjoint
 from ngepc.bounds.bound import ErrorBound
-from ngepc.bounds.conjugate import R6
+from ngepc.bounds.conjugate import R6, THIN
 from ngepc.bounds.cutting import potential_integrals
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_boundary import BoundaryTerms, FrictionTerms, SpringSquares
@@ -188,7 +188,8 @@ class BoundPart:
         self._cells = len(bound_data.cells.nodes)
         self._k = NODES[bound.admissible.shape[1]]
         parts = bound.admissible.shape[1] // self._k
-        self._moduli = state.with_radial_return().moduli
+        own = state.with_radial_return()
+        self._closed = bound_data.discrete.law.closed_moduli(own.at, own.yielding)
         at = bound_data.at_nodes.completed(bound.admissible)
         sigma = np.concatenate([at.mean[..., None], at.deviator], axis=-1)
         self._sigma = self._on_parts(sigma)
@@ -209,11 +210,19 @@ class BoundPart:
         stress = stress.reshape(-1, k, stress.shape[-1])
         return coefficients(stress)
 
+    def strain(self, adjoint: Adjoint) -> tuple[np.ndarray, np.ndarray]:
+        """Trace and deviator of the strain of an adjoint at the points.
+
+        In plane stress eps_zz is free: it is that for which the tangent has no sigma_zz.
+        """
+        discrete = self._bound_data.discrete
+        strain = discrete.points.strain(adjoint.z)
+        return discrete.law.with_free_component(self._closed, *strain)
+
     def stress(self, adjoint: Adjoint) -> np.ndarray:
         """Mean and deviator of the stress of an adjoint, (cells, nodes, 1 + d)."""
         bound_data = self._bound_data
-        strain = bound_data.discrete.points.strain(adjoint.z)
-        wanted = np.column_stack(self._moduli.stress(*strain))
+        wanted = np.column_stack(self._closed.stress(*self.strain(adjoint)))
         wanted = bound_data.on_parts(wanted, TO_NODES)
         law = bound_data.discrete.law
         return completed_near(adjoint.stress, wanted, law, bound_data.each)
@@ -239,7 +248,7 @@ class BoundPart:
         """The supremum for an adjoint."""
         bound_data = self._bound_data
         volume, owner = self._parts
-        trace, deviator = bound_data.discrete.points.strain(adjoint.z)
+        trace, deviator = self.strain(adjoint)
         tau = self._on_parts(self.stress(adjoint))
         rest = self._opened, self._sample, self._on_boundary(adjoint)
         if bound_data.each > 1:
@@ -329,8 +338,10 @@ def completed_near(
     """Mean and deviator of stresses (cells, nodes, c), near the ``wanted`` (cells, ., 1 + d).
 
     In plane strain sigma_zz is free: it is the wanted one plus the elastic response to the
-    difference of the traces.
+    difference of the traces.  In plane stress it is zero.
     """
+    if law.across is not None:
+        return np.matmul(stress, THIN.T)
     if wanted.shape[2] == stress.shape[2]:
         return stress
     bulk = law.bulk[::each, None]

@@ -11,12 +11,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 from netgen.meshing import NetgenGeometry
-from ngsolve import CF, L2, CoefficientFunction, GridFunction, Integrate, Mesh
+from ngsolve import CF, L2, CoefficientFunction, GridFunction, Integrate, Mesh, VectorH1
 
 from ngepc.bounds.contact import BUBBLE, EDGES
 from ngepc.bounds.coverage import check_covered, varies_inside
 from ngepc.bounds.simplices import marked
-from ngepc.discretisation.loads import nodal
+from ngepc.discretisation.loads import displacement_space, nodal
 from ngepc.discretisation.points import Points, on_children
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
@@ -103,7 +103,9 @@ def check_carried(problem: Problem) -> None:
 
 def not_carried(problem: Problem) -> list[str]:
     """The data of finite element functions that another mesh does not know."""
-    names = [*ACTING, "gap", "friction", "initial_displacement"]
+    names = [*ACTING, "gap", "friction"]
+    if not is_displacement(problem.initial_displacement, problem):
+        names.append("initial_displacement")
     if problem.f is not None and varies_inside(problem, problem.f):
         names.append("body_force")
     return [
@@ -128,7 +130,8 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
     """The problem on a mesh whose simplices lie in those of its own with these numbers.
 
     Data that are constant on the elements are transferred exactly, for order two affine plastic
-    strains and back stresses as well.  The data are not checked again.
+    strains and back stresses as well, and displacements at the start of the step that are functions
+    of the displacement space.  The data are not checked again.
     """
 
     def carried(value: object) -> object:
@@ -143,6 +146,9 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
         return shaped_like(value, after.functions.function(values))
 
     names = [*HISTORY]
+    start = problem.initial_displacement
+    if is_displacement(start, problem):
+        start = carried_function(start, problem, mesh, parents)
     if problem.f is not None and not varies_inside(problem, problem.f):
         names.append("body_force")
     material = problem.material
@@ -150,7 +156,7 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
     changes = {f.name: carried(getattr(material, f.name)) for f in fields(Material)}
     vars(finer).update({name: carried(getattr(problem, name)) for name in names})
     vars(finer).update(mesh=mesh, material=replace(material, **changes))
-    vars(finer).update(solved_on=MeshState.of(mesh))
+    vars(finer).update(initial_displacement=start, solved_on=MeshState.of(mesh))
     return finer
 
 
@@ -186,47 +192,83 @@ def lowered_problem(problem: Problem) -> Problem:
     return problem.changed(order=1, **history)
 
 
-def carried_state(
-    old: ExactResult, discrete: DiscreteProblem, parents: np.ndarray
-) -> State:
-    """The state on a bisected mesh: the same displacements, and contact forces from the pressures.
+def is_displacement(value: object, problem: Problem) -> bool:
+    """Whether a value is a function of the displacement space of a problem."""
+    if not (isinstance(value, GridFunction) and value.space.mesh is problem.mesh):
+        return False
+    return len(value.vec) == displacement_space(problem).ndof
+
+
+def carried_function(
+    u: GridFunction, problem: Problem, mesh: Mesh, parents: np.ndarray
+) -> GridFunction:
+    """The same function on a bisected mesh; ``u`` is one of the displacement space of a problem."""
+    before, after = (
+        Points(m, problem.kinematics, problem.order) for m in (problem.mesh, mesh)
+    )
+    values = nodal(u.vec.FV().NumPy(), problem)
+    values = carried_displacements(values, before, after, parents)
+    found = GridFunction(VectorH1(mesh, order=problem.order), name=u.name)
+    found.vec.FV().NumPy()[:] = values.T.ravel()
+    return found
+
+
+def carried_displacements(
+    u: np.ndarray, before: Points, after: Points, parents: np.ndarray
+) -> np.ndarray:
+    """The same displacements (nodes, N) on a bisected mesh, from the points of both meshes.
 
     Affine functions are interpolated by barycentric coordinates in the parents, the quadratic parts
     of displacements of order two by products of these.
     """
+    N = before.mesh.dim
+    ends = N + 1
+    nodes = after.blocks[0].nodes
+    there = before.blocks[0].nodes[parents]
+    share = shares_in_parents(before, after, parents)
+    found = np.empty((after.scalar.ndof, N))
+    corners = np.matmul(share, u[there[:, :ends]])
+    if before.order == 2:
+        a, b = np.transpose(EDGES[N])
+        bubbles = u[there[:, ends:]]
+        along = share[:, a] - share[:, b]
+        corners += BUBBLE * np.matmul(share[:, :, a] * share[:, :, b], bubbles)
+        found[nodes[:, ends:]] = -np.matmul(along[:, :, a] * along[:, :, b], bubbles)
+    found[nodes[:, :ends]] = corners
+    return found
+
+
+def shares_in_parents(before: Points, after: Points, parents: np.ndarray) -> np.ndarray:
+    """Barycentric coordinates of the vertices of cells in their parents, (cells, ends, ends)."""
+    ends = before.mesh.dim + 1
+    known, wanted = (
+        np.insert(vertex_coordinates(p.mesh), 0, 1.0, axis=1)[
+            p.blocks[0].nodes[:, :ends]
+        ]
+        for p in (before, after)
+    )
+    return np.matmul(wanted, np.linalg.inv(known)[parents])
+
+
+def carried_state(
+    old: ExactResult, discrete: DiscreteProblem, parents: np.ndarray
+) -> State:
+    """The state on a bisected mesh: the same displacements, forces from the contact pressures."""
     problem = discrete.problem
     supports = discrete.supports
     rows = discrete.rows
     ends = problem.N + 1
-    before = old.discrete.points.blocks[0].nodes
-    nodes = discrete.points.blocks[0].nodes
-    there = before[parents]
-    known, wanted = (
-        np.insert(vertex_coordinates(mesh), 0, 1.0, axis=1)[corners[:, :ends]]
-        for mesh, corners in ((old.problem.mesh, before), (problem.mesh, nodes))
-    )
-    share = np.matmul(wanted, np.linalg.inv(known)[parents])
-
-    def at_corners(values: np.ndarray) -> np.ndarray:
-        """Of affine functions with these values at the old vertices."""
-        return np.matmul(share, values[there[:, :ends]])
-
-    u = np.empty_like(supports.values)
-    corners = at_corners(old.state.u)
-    if problem.order == 2:
-        a, b = np.transpose(EDGES[problem.N])
-        bubbles = old.state.u[there[:, ends:]]
-        along = share[:, a] - share[:, b]
-        corners += BUBBLE * np.matmul(share[:, :, a] * share[:, :, b], bubbles)
-        u[nodes[:, ends:]] = -np.matmul(along[:, :, a] * along[:, :, b], bubbles)
-    u[nodes[:, :ends]] = corners
+    before = old.discrete.points
+    after = discrete.points
+    there = before.blocks[0].nodes[parents, :ends]
+    share = shares_in_parents(before, after, parents)
+    u = carried_displacements(old.state.u, before, after, parents)
     pressure, friction = (
         f.vec.FV().NumPy() for f in (old.contact_pressure, old.friction_stress)
     )
+    known = np.column_stack([pressure, -nodal(friction, problem)])
     stress = np.empty((problem.mesh.nv, 1 + problem.N))
-    stress[nodes[:, :ends]] = at_corners(
-        np.column_stack([pressure, -nodal(friction, problem)])
-    )
+    stress[after.blocks[0].nodes[:, :ends]] = np.matmul(share, known[there])
     forces = rows.between(stress) * rows.weights[:, None]
     dragged = np.einsum("mdc,mc->md", rows.tangents, forces[:, 1:])
     contact = np.concatenate([forces[:, 0], dragged.ravel()])[: len(discrete.contact)]

@@ -17,7 +17,7 @@ from ngsolve import GridFunction
 from ngepc.bounds.adaptive import SMALLEST_ERROR, Refinement, next_mesh
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.goals import COVERS
-from ngepc.bounds.transfer import check_carried, on_mesh
+from ngepc.bounds.transfer import carried_function, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
 from ngepc.checks.sentences import in_words
@@ -206,8 +206,9 @@ class _Run:
         self._own = OwnCopies()
         self._checked: dict[float, tuple[Problem, Problem]] = {}
         for time in self.schedule.times:
-            step = self._problem_at(time)
+            self._problem_at(time)
             if self.error is not None:
+                _, step = self._checked[time]
                 check_carried(step)
                 require_covered(step, "error=...", COVERS)
         # (end, halvings)
@@ -394,6 +395,8 @@ class _Run:
         if mesh.nv > most:
             return f"{reason}; the next mesh has {mesh.nv} nodes, max_nodes={most}."
         log.info("step to time %g: %s, refined to %d nodes", time, reason, mesh.nv)
+        if self.start is not None:
+            self.start = carried_function(self.start, self.problem, mesh, parents)
         self.problem = on_mesh(self.problem, mesh, parents)
         self.evolution.memory = self.evolution.memory.on(self.problem, parents)
         return ""

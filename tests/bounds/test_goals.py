@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 from campaigns.crossings import finer
+from ngsolve import x
 
 from ngepc import (
     Material,
@@ -27,18 +28,29 @@ def pair():
     return semismooth_newton(problem), semismooth_newton(finer(problem, 2))
 
 
-def test_friction_is_refused():
+@pytest.mark.parametrize("order", [1, 2])
+def test_friction_with_a_given_bound(order):
+    """A plate presses a block and drags it: the fine values are in the brackets."""
     problem = Problem(
-        block.mesh(0.5, (1.0, 1.0)),
+        block.mesh(0.3, (1.0, 1.0)),
         MATERIAL,
         contact="contact",
         gap=-1e-3,
-        friction=0.1,
+        friction=0.1 + 0.4 * x,
+        traction={"right": (0.5, 0.0)},
+        order=order,
     )
-    with pytest.raises(
-        ValueError, match=r"friction=0.1: a bracket needs contact without"
-    ):
-        contact_force_bracket(semismooth_newton(problem))
+    result = semismooth_newton(problem)
+    assert 0 < result.state.sliding.sum() < len(result.state.sliding)
+    fine = semismooth_newton(finer(problem, 1))
+    load = {"right": (1.0, 0.0)}
+    if order == 1:
+        coarse, better = (displacement_bracket(one, load) for one in (result, fine))
+    else:
+        coarse, better = (contact_force_bracket(one) for one in (result, fine))
+    assert coarse.lower < better.discrete < coarse.upper
+    assert max(coarse.lower, better.lower) < min(coarse.upper, better.upper)
+    assert better.relative < coarse.relative
 
 
 def test_contact_force(pair):

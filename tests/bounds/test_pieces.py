@@ -55,7 +55,7 @@ def test_the_third_stress_is_the_nearest():
     random = np.random.default_rng(0)
     bulk = np.array([2.0, 3.0])
     two_mu = np.array([1.5, 0.7])
-    law = SimpleNamespace(bulk=bulk, two_mu=two_mu)
+    law = SimpleNamespace(bulk=bulk, two_mu=two_mu, across=None)
     stress = random.normal(size=(2, 5, 3))
     wanted = random.normal(size=(2, 5, 4))
     found = completed_near(stress, wanted, law, 1)

@@ -27,8 +27,14 @@ KINDS = (
 )
 """Kinds of problems: those of ``build`` with one feature added; solids are cubes."""
 
-WIDER = ("springs", "springs, order 2", "springs, solid")
-"""More kinds, with elastic foundations: ``--rows "springs,springs, order 2"``."""
+WIDER = (
+    "springs",
+    "springs, order 2",
+    "springs, solid",
+    "plane stress",
+    "plane stress, order 2",
+)
+"""More kinds, with elastic foundations and in plane stress: ``--rows "springs,plane stress"``."""
 
 BISECTIONS = {"solid": 1, "springs, solid": 1}
 """Number of bisections of all elements for the reference; twice in the plane."""
@@ -83,7 +89,8 @@ def problem_of(draw, kind):
         draw = replace(
             draw, gap="pushed", gap_size=push, load=min(draw.load, 0.2 * push)
         )
-    problem = build(draw)
+    thin = kind.startswith("plane stress")
+    problem = build(draw, "plane stress" if thin else "two-dimensional")
     stress, size = (
         problem.material.yield_stress,
         BODIES[draw.body].length * 10**draw.length_unit,

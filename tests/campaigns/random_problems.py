@@ -107,10 +107,11 @@ def draws(seed):
         )
 
 
-def build(draw):
-    """The problem that a draw stands for."""
+def build(draw, plane="two-dimensional"):
+    """The problem that a draw stands for, in the plane with this kinematics."""
     body = BODIES[draw.body]
     mesh = body.mesh(draw.maxh)
+    kinematics = plane if mesh.dim == 2 else "solid"
     length = 10**draw.length_unit
     for point in mesh.ngmesh.Points():
         for i in range(mesh.dim):
@@ -137,8 +138,8 @@ def build(draw):
         body.clamped,
         {body.load: tuple(draw.load * bound * c for c in direction)},
         **contact,
-        **_history(draw, material, mesh.dim),
-        kinematics="two-dimensional" if mesh.dim == 2 else "solid",
+        **_history(draw, material, 2 if kinematics == "two-dimensional" else 3),
+        kinematics=kinematics,
         order=1,
     )
 

@@ -140,6 +140,48 @@ def test_order_two_passes_hardening_on_as_means_over_elements(name):
     assert run.column("elastic_energy") == pytest.approx(energies, rel=0.02)
 
 
+RUBBED = {1: 0.05, 2: 0.02}
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def rubbed(request):
+    """A block that a plate presses and drags to and fro."""
+    problem = pulled(request.param, contact="contact", gap=-2e-3, friction=0.3)
+    right = {"right": (0.4, 0.0)}, {"right": (-1.0, 0.5)}
+    steps = [(1.0 + k, {"traction": load}) for k, load in enumerate(right)]
+    error = RUBBED[request.param]
+    return evolve(problem, steps, error=error).raise_for_status()
+
+
+def test_friction_passes_the_slip_on_to_finer_meshes(rubbed):
+    """The start of a step on a finer mesh is the displacement of the last one, as a function."""
+    bounds = rubbed.column("error_bound")
+    first, second = rubbed.steps
+    assert max(bounds) <= RUBBED[rubbed.problem.order]
+    assert rubbed.column("guaranteed") == [True, True]
+    assert second.problem.mesh.nv > first.problem.mesh.nv
+    assert second.solution.state.sliding.any()
+
+    before = first.fields.displacement
+    start = second.problem.initial_displacement
+    for axis in range(2):
+        old = Integrate(before[axis] ** 2 * (1 + y), first.problem.mesh)
+        new = Integrate(start[axis] ** 2 * (1 + y), second.problem.mesh)
+        assert new == pytest.approx(old, rel=1e-12)
+
+
+def test_the_bound_of_a_step_with_friction_holds_from_its_start(rubbed):
+    """The same step on finer meshes ends between the energies of the bound."""
+    step = rubbed.steps[-1]
+    bound = error_bound(step.solution)
+    problem = step.problem
+    for _ in range(2):
+        everywhere = np.ones(problem.mesh.ne, dtype=bool)
+        problem = on_mesh(problem, *bisected(problem.mesh, everywhere))
+    fine = error_bound(semismooth_newton(problem))
+    assert bound.least_energy < fine.least_energy < fine.energy < bound.energy
+
+
 def test_a_mesh_that_may_not_grow_ends_the_run():
     problem = pulled()
     few = Refinement(max_nodes=40)

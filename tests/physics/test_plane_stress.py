@@ -177,12 +177,10 @@ def test_contact_friction_certificate_and_bound(law):
     assert result.status.is_success
     assert result.contact_force > 0.5
     assert result.plastic_increment.vec.Norm() > 0
-    smooth = semismooth_newton(problem.changed(order=1))
-    bound = error_bound(smooth)
     fine = semismooth_newton(sheet(material, n=12, **data))
-    assert 0 < smooth.primal_energy - fine.primal_energy <= bound.total
-    with pytest.raises(ValueError, match="order=2: a bound in plane stress"):
-        error_bound(semismooth_newton(problem.changed(order=2)))
+    for order in (1, 2):
+        bound = error_bound(semismooth_newton(problem.changed(order=order)))
+        assert 0 < bound.energy - fine.primal_energy <= bound.total
 
 
 def test_gradients():
