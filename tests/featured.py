@@ -49,7 +49,7 @@ CHANGES = {
     "axisymmetric": {"kinematics": "axisymmetric"},
     "other kinematics": {"kinematics": OWN},
     "order 2": {"order": 2},
-    "other shapes": {"mesh": block.structured_mesh(3, 3)},
+    "quadrilaterals": {"mesh": block.structured_mesh(3, 3)},
     "kinematic hardening": {},
     "isotropic hardening": {"material": MIXED},
     "hardening law": {"material": LAW},
@@ -102,6 +102,8 @@ def problem_with(feature):
     """A problem with this feature; a mesh is to be shared when a solution is there."""
     if feature == "solid":
         return pressed_body("tetrahedra")
+    if feature == "other shapes":
+        return pressed_body("hexahedra")
     if feature == "curved elements":
         return pressed_body("curved triangles")
     if feature == "shared mesh":

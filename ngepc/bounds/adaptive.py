@@ -16,6 +16,7 @@ from ngepc.bounds.bound import ErrorBound, bound_and_search, data_on
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import COVERS as GOALS
 from ngepc.bounds.goal_bound import GoalBound, GoalProblem
+from ngepc.bounds.quadrilaterals import problem_on_simplices
 from ngepc.bounds.transfer import bisected_to, carried_state, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
@@ -168,7 +169,8 @@ def solve_to(
     Parameters
     ----------
     problem
-        The data; refinement starts from a copy of its mesh.
+        The data; refinement starts from a copy of its mesh, with quadrilaterals cut into triangles
+        and then displacements of order two.
     relative_error
         Bound for ``ErrorBound.relative``, >= 1e-12 (rounding errors) and < 1.
     options
@@ -193,7 +195,7 @@ def solve_to(
     require_instance("options", options, Refinement, "Refinement(...)")
     check_carried(problem)
     records: list[MeshRecord] = []
-    state = starting_state(DiscreteProblem(problem), None)
+    state = starting_state(DiscreteProblem(problem_on_simplices(problem)), None)
     small = 0.0
     pace = Pace()
     interval: GoalBound | None = None

@@ -32,7 +32,15 @@ from ngepc.bounds.data import (
     strain_coordinates,
 )
 from ngepc.bounds.plane import PlaneBoundData
+from ngepc.bounds.quadrilaterals import (
+    cut_into_triangles,
+    has_quadrilaterals,
+    is_interpolated_exactly,
+    triangulated,
+)
 from ngepc.bounds.solid import SolidBoundData
+from ngepc.bounds.transfer import check_free_of_functions
+from ngepc.bounds.upper_energy import changes
 from ngepc.checks.sentences import at_most_percent, in_words, outward
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.loads import nodal
@@ -54,9 +62,12 @@ class ErrorBound:
     ----------
     state
         The displacement u of the bound; J(u) - inf J is its energy error.  Where few elements have
-        most of the error, it is a function on a bisected copy of the mesh, see ``given``.
+        most of the error, it is a function on a bisected copy of the mesh, see ``given``.  For
+        quadrilaterals it is a function v on triangles that is equal to u on the edges of the
+        elements.
     energy
-        J(u), with the term int F |slip| of Tresca friction; at least inf J.
+        J(u), with the term int F |slip| of Tresca friction; at least inf J.  For quadrilaterals an
+        upper bound of the energy of the result itself, not of v; of v where ``moved`` > 0.
     total
         Upper bound of the energy error (force times length).
     algebraic
@@ -75,7 +86,7 @@ class ErrorBound:
     oscillation
         The part of ``total`` due to loads that vary inside elements (data oscillation).
     given
-        The problem of the result if ``state`` is a function on a copy of its mesh, otherwise None.
+        The problem of the result if ``state`` is a function on another mesh, otherwise None.
     sprung
         The displacement w (length), at the vertices of the facets with springs of stiffness K: the
         admissible stress has the traction g - K w there; shape (facets, N, N).
@@ -208,12 +219,22 @@ def error_bound(result: object) -> ErrorBound:
     """
     problem = solved_problem(result)
     check_covered(problem)
+    if has_quadrilaterals(problem):
+        check_free_of_functions(problem)
+        return bound_on_triangles(with_state(result))
     if not isinstance(result, ExactResult):
-        discrete = data_on(DiscreteProblem(problem)).discrete  # refuses boundary data
-        state = state_of(discrete, result)
-        result = ExactResult(state, Status.STOPPED, "", History())
+        data_on(DiscreteProblem(problem))  # refuses boundary data
+        result = with_state(result)
     bound = bound_on_copy(result)
     return bound or bound_of(data_on(result.discrete), result.state)
+
+
+def with_state(result: Any) -> ExactResult:
+    """The result itself if it has a state, otherwise one with the same displacement."""
+    if isinstance(result, ExactResult):
+        return result
+    state = state_of(DiscreteProblem(result.problem), result)
+    return ExactResult(state, Status.STOPPED, "", History())
 
 
 def solved_problem(result: object) -> Problem:
@@ -223,6 +244,34 @@ def solved_problem(result: object) -> Problem:
         needed = "a result with a displacement is needed"
         raise TypeError(f"result={in_words(result)}: {needed}")
     return problem
+
+
+def bound_on_triangles(result: ExactResult) -> ErrorBound:
+    """The bound of a result on quadrilaterals, by a displacement v on triangles.
+
+    The stress is one on the triangles.  Where v is not the displacement u of the result, an upper
+    bound of J(u) - J(v) is added.
+    """
+    cut_mesh = cut_into_triangles(result.problem.mesh)
+    made = triangulated(result, cut_mesh)
+    bound_data = data_on(made.discrete)
+    state, moved = feasible_state(bound_data, made.state)
+    own = result.state.with_radial_return()
+    balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
+    algebraic = algebraic_gap(own, *balanced)
+    algebraic += max(state.energy - made.state.energy, 0.0)
+    tangent = Factors(bound_data.discrete, "sparsecholesky")
+    bound, _ = best_bound(bound_data, (state, moved, algebraic), tangent, None)
+    cells = result.problem.mesh.ne
+    per_cell = np.bincount(cut_mesh.parents, bound.per_cell, minlength=cells)
+    bound = replace(bound, per_cell=per_cell, given=result.problem)
+    if is_interpolated_exactly(result.problem) or moved > state.touching_distance:
+        return bound
+    phi = bound_data.phi(state)
+    change = changes(result.state, state, phi, cut_mesh.parents, bound.total)
+    energy = bound.energy + float(change.sum())
+    total = bound.total + float(change.sum())
+    return replace(bound, energy=energy, total=total, per_cell=per_cell + change)
 
 
 def bound_on_copy(result: ExactResult) -> ErrorBound | None:

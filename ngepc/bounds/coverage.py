@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule
+from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule, Mesh
 
 from ngepc.discretisation.sampling import Scan
-from ngepc.model.elements import has_straight_simplices
-from ngepc.model.features import BASIC_FEATURES, HISTORY_FEATURES, require_covered
+from ngepc.model.elements import SHAPES, elements_by_shape, has_straight_simplices
+from ngepc.model.features import (
+    BASIC_FEATURES,
+    FEATURES,
+    HISTORY_FEATURES,
+    require_covered,
+)
 from ngepc.model.material import is_vector
 from ngepc.model.problem import Problem
 
@@ -15,15 +20,26 @@ COVERS = (
     BASIC_FEATURES
     | HISTORY_FEATURES
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
-    | {"anisotropic yield", "cyclic hardening", "springs"}
+    | {"anisotropic yield", "cyclic hardening", "quadrilaterals", "springs"}
 )
 """Features that guaranteed bounds cover; friction in three dimensions with order 1 only."""
+
+ON_SIMPLICES = {
+    "plane stress": "a bound in plane stress",
+    "anisotropic yield": "a bound with Hill's criterion",
+    "cyclic hardening": "a bound with sub-elements",
+}
+"""Features that bounds do not cover on quadrilaterals: there phi is no function of |s|."""
 
 # part of its largest value by which a coefficient may vary on an element and count as constant
 CONSTANT = 1e-10
 # data that may be affine on triangles for displacements of order two
 AFFINE = ("initial_plastic_strain", "initial_hardening (alpha_2)")
-_INSIDE = {ET.TRIG: IntegrationRule(ET.TRIG, 8), ET.TET: IntegrationRule(ET.TET, 6)}
+_INSIDE = {
+    ET.TRIG: IntegrationRule(ET.TRIG, 8),
+    ET.QUAD: IntegrationRule(ET.QUAD, 8),
+    ET.TET: IntegrationRule(ET.TET, 6),
+}
 """Points at which polynomials of degree three are determined."""
 
 
@@ -120,12 +136,16 @@ FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 6)}  # by dimensi
 def check_covered(problem: Problem) -> None:
     """Refuse problems without a guaranteed bound with a ValueError that names the argument."""
     advice = "; error_indicators(result) estimates, without a guarantee"
-    if has_straight_simplices(problem.mesh):
+    simplices = has_straight_simplices(problem.mesh)
+    if simplices:
         advice = ""
     require_covered(problem, "a bound", COVERS, advice)
     if problem.N == 3 and problem.order == 2:
         covers = COVERS - {"friction"}
         require_covered(problem, "a bound of order 2 in three dimensions", covers)
+    for feature, what in ON_SIMPLICES.items():
+        if FEATURES[feature].found(problem):
+            require_covered(problem, what, COVERS - {"quadrilaterals"})
     material = problem.material
     scalar, back = problem.alpha_0
     coefficients = {
@@ -150,7 +170,7 @@ def check_covered(problem: Problem) -> None:
         coefficients["initial_hardening"] = problem.initial_hardening
     radial = material.hill is None and material.overlay is None
     for name, value in coefficients.items():
-        affine = problem.order == 2 and name in AFFINE and radial
+        affine = simplices and problem.order == 2 and name in AFFINE and radial
         if isinstance(value, CoefficientFunction) and varies_inside(
             problem, value, affine
         ):
@@ -165,15 +185,32 @@ def check_covered(problem: Problem) -> None:
 def varies_inside(
     problem: Problem, value: CoefficientFunction, affine: bool = False
 ) -> bool:
-    """Whether a coefficient is not constant, or not affine, on some element."""
-    if len(Scan(problem.mesh, value, VOL).hidden):
+    """Whether a coefficient is not constant, or not affine on simplices, on some element."""
+    mesh = problem.mesh
+    if len(Scan(mesh, value, VOL).hidden):
         return True
-    points = problem.mesh.MapToAllElements(_INSIDE, VOL)
-    values = np.asarray(value(points)).reshape(problem.mesh.ne, -1, value.dim)
+    points = mesh.MapToAllElements(_INSIDE, VOL)
+    values = np.asarray(value(points)).reshape(-1, value.dim)
     size = np.abs(values).max(initial=1e-300)
-    if affine:
-        shape = ET.TRIG if problem.N == 2 else ET.TET
-        known = np.array([(1.0, *p) for p in _INSIDE[shape].points])
-        known = known[:, : problem.N + 1]
-        values = values - known @ (np.linalg.pinv(known) @ values)
-    return np.ptp(values, axis=1).max() > CONSTANT * size
+    variation = 0.0
+    for rule, places in places_by_shape(mesh):
+        own = values[places]
+        if affine:
+            known = np.array([(1.0, *p) for p in rule.points])[:, : problem.N + 1]
+            own = own - known @ (np.linalg.pinv(known) @ own)
+        variation = max(variation, np.ptp(own, axis=1).max())
+    return variation > CONSTANT * size
+
+
+def places_by_shape(mesh: Mesh) -> list[tuple[IntegrationRule, np.ndarray]]:
+    """For each shape its rule, and which points of ``MapToAllElements`` each element has."""
+    alike = elements_by_shape(mesh)
+    rules = [_INSIDE[SHAPES[mesh.dim, nodes.shape[1]][0]] for _, nodes in alike]
+    counts = np.zeros(mesh.ne, dtype=int)
+    for (numbers, _), rule in zip(alike, rules, strict=True):
+        counts[numbers] = len(rule)
+    first = np.cumsum(counts) - counts
+    return [
+        (rule, first[numbers][:, None] + np.arange(len(rule)))
+        for (numbers, _), rule in zip(alike, rules, strict=True)
+    ]

@@ -34,6 +34,7 @@ from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_terms import GoalTerms, terms_of
 from ngepc.bounds.integrand import BoundPart, Integrand, VaryingIntegrand
+from ngepc.bounds.quadrilaterals import on_simplices
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import at_most_percent, outward
 from ngepc.discretisation.factors import Factors
@@ -202,6 +203,7 @@ class GoalProblem:
 
     def __init__(self, result: ExactResult) -> None:
         check_goals(result.problem)
+        result = on_simplices(result)
         bound_data = bound_data_of(result.discrete)
         tangent = Factors(bound_data.discrete, "sparsecholesky")
         state = state_of(bound_data.discrete, result)

@@ -27,6 +27,7 @@ from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import GoalBound
 from ngepc.bounds.integrand import BoundPart
 from ngepc.bounds.polynomials import NODES, coefficients
+from ngepc.bounds.quadrilaterals import on_simplices
 from ngepc.bounds.simplices import FACETS
 from ngepc.checks.kinds import require_instance, require_path
 from ngepc.discretisation.factors import Factors
@@ -103,6 +104,7 @@ def write_receipt(
     require_covered(problem, "a receipt", COVERS)
     check_writable(path)
     if goal is None:
+        result = on_simplices(result)
         bound_data = bound_data_of(result.discrete)
         tangent = Factors(bound_data.discrete, "sparsecholesky")
         state = state_of(bound_data.discrete, result)

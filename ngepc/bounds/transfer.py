@@ -27,6 +27,9 @@ from ngepc.model.own import MeshState
 from ngepc.model.problem import Problem
 
 HISTORY = ("initial_plastic_strain", "initial_hardening", "initial_accumulated")
+CARRIED = (*HISTORY, "initial_strain")
+"""Data inside the body, apart from the material and the body force."""
+Transfer = Callable[[np.ndarray, Points, Points, np.ndarray], np.ndarray]
 # bisection stops within this factor of its aim: indicators mostly fall faster than expected
 CLOSE = 1.03
 
@@ -93,6 +96,11 @@ def bisected_to(
 def check_carried(problem: Problem) -> None:
     """Refuse problems that no bound covers, and boundary data of finite element functions."""
     check_covered(problem)
+    check_free_of_functions(problem)
+
+
+def check_free_of_functions(problem: Problem) -> None:
+    """Refuse boundary data of finite element functions."""
     names = not_carried(problem)
     if names:
         raise ValueError(
@@ -126,13 +134,22 @@ def values_in(value: object) -> list[CoefficientFunction]:
     return [value] if isinstance(value, CoefficientFunction) else []
 
 
-def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
-    """The problem on a mesh whose simplices lie in those of its own with these numbers.
+def on_mesh(
+    problem: Problem,
+    mesh: Mesh,
+    parents: np.ndarray,
+    order: int | None = None,
+    transfer: Transfer = on_children,
+) -> Problem:
+    """The problem on a mesh whose simplices lie in the elements of its own with these numbers.
 
     Data that are constant on the elements are transferred exactly, for order two affine plastic
     strains and back stresses as well, and displacements at the start of the step that are functions
-    of the displacement space.  The data are not checked again.
+    of the displacement space.  The data are not checked again.  ``order`` is that of the
+    displacements, by default the same; ``transfer`` maps values at the points of the elements to
+    those at the points of the simplices.
     """
+    order = problem.order if order is None else order
 
     def carried(value: object) -> object:
         """A number, a coefficient or several."""
@@ -140,12 +157,12 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
 
     def on_children_of(value: CoefficientFunction) -> CoefficientFunction:
         """A coefficient by its values at the points of the children."""
-        meshes = problem.mesh, mesh
-        before, after = (Points(m, problem.kinematics, problem.order) for m in meshes)
-        values = on_children(before.at(value), before, after, parents)
+        before = Points(problem.mesh, problem.kinematics, problem.order)
+        after = Points(mesh, problem.kinematics, order)
+        values = transfer(before.at(value), before, after, parents)
         return shaped_like(value, after.functions.function(values))
 
-    names = [*HISTORY]
+    names = [*CARRIED]
     start = problem.initial_displacement
     if is_displacement(start, problem):
         start = carried_function(start, problem, mesh, parents)
@@ -155,7 +172,7 @@ def on_mesh(problem: Problem, mesh: Mesh, parents: np.ndarray) -> Problem:
     finer = copy(problem)
     changes = {f.name: carried(getattr(material, f.name)) for f in fields(Material)}
     vars(finer).update({name: carried(getattr(problem, name)) for name in names})
-    vars(finer).update(mesh=mesh, material=replace(material, **changes))
+    vars(finer).update(mesh=mesh, order=order, material=replace(material, **changes))
     vars(finer).update(initial_displacement=start, solved_on=MeshState.of(mesh))
     return finer
 
@@ -256,20 +273,29 @@ def carried_state(
     """The state on a bisected mesh: the same displacements, forces from the contact pressures."""
     problem = discrete.problem
     supports = discrete.supports
-    rows = discrete.rows
     ends = problem.N + 1
     before = old.discrete.points
     after = discrete.points
     there = before.blocks[0].nodes[parents, :ends]
     share = shares_in_parents(before, after, parents)
     u = carried_displacements(old.state.u, before, after, parents)
-    pressure, friction = (
-        f.vec.FV().NumPy() for f in (old.contact_pressure, old.friction_stress)
-    )
-    known = np.column_stack([pressure, -nodal(friction, problem)])
     stress = np.empty((problem.mesh.nv, 1 + problem.N))
-    stress[after.blocks[0].nodes[:, :ends]] = np.matmul(share, known[there])
+    known = tractions_at_vertices(old)[there]
+    stress[after.blocks[0].nodes[:, :ends]] = np.matmul(share, known)
+    contact = forces_of_rows(discrete, stress)
+    return discrete.state(np.where(supports.free, u, supports.values), contact=contact)
+
+
+def tractions_at_vertices(result: ExactResult) -> np.ndarray:
+    """Contact pressure and friction on the obstacle (stress), (vertices, 1 + N)."""
+    pressure = result.contact_pressure.vec.FV().NumPy()
+    friction = result.friction_stress.vec.FV().NumPy()
+    return np.column_stack([pressure, -nodal(friction, result.problem)])
+
+
+def forces_of_rows(discrete: DiscreteProblem, stress: np.ndarray) -> np.ndarray:
+    """Contact forces of the rows, as those of a state, from ``tractions_at_vertices``."""
+    rows = discrete.rows
     forces = rows.between(stress) * rows.weights[:, None]
     dragged = np.einsum("mdc,mc->md", rows.tangents, forces[:, 1:])
-    contact = np.concatenate([forces[:, 0], dragged.ravel()])[: len(discrete.contact)]
-    return discrete.state(np.where(supports.free, u, supports.values), contact=contact)
+    return np.concatenate([forces[:, 0], dragged.ravel()])[: len(discrete.contact)]

@@ -210,7 +210,7 @@ class _Run:
             if self.error is not None:
                 _, step = self._checked[time]
                 check_carried(step)
-                require_covered(step, "error=...", COVERS)
+                require_covered(step, "error=...", COVERS - {"quadrilaterals"})
         # (end, halvings)
         self.pending = [(time, 0) for time in reversed(self.schedule.times)]
 

@@ -154,10 +154,19 @@ def outward_normal(mesh: Mesh) -> CoefficientFunction:
     return IfPos(InnerProduct(n, v), -1.0, 1.0) * n
 
 
+def has_more_corners(mesh: Mesh) -> bool:
+    """Whether an element has more corners than a triangle or a tetrahedron."""
+    return bool((element_nodes(mesh)[:, mesh.dim + 1 : 2**mesh.dim] >= 0).any())
+
+
+def is_straight(mesh: Mesh) -> bool:
+    """Whether no element is curved."""
+    return mesh.GetCurveOrder() <= 1 and mesh.deformation is None
+
+
 def has_straight_simplices(mesh: Mesh) -> bool:
     """Whether all elements are triangles or tetrahedra with constant Jacobian."""
-    straight = mesh.GetCurveOrder() <= 1 and mesh.deformation is None
-    return straight and bool((element_nodes(mesh)[:, mesh.dim + 1 :] < 0).all())
+    return is_straight(mesh) and not has_more_corners(mesh)
 
 
 def plastic_order(mesh: Mesh, order: int) -> int:

@@ -17,7 +17,7 @@ import numpy as np
 from ngepc.checks.arguments import is_number
 from ngepc.checks.sentences import in_words
 from ngepc.model.data import ProblemData
-from ngepc.model.elements import corner_vertices, element_nodes
+from ngepc.model.elements import corner_vertices, has_more_corners, is_straight
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.places import Coulomb, Roller
 from ngepc.model.support import floating_motions
@@ -48,7 +48,9 @@ KINEMATICS_FEATURES = frozenset(
 )
 """Kinematics other than plane strain, the paper's and solids; thickness of plane bodies."""
 
-ELEMENT_FEATURES = frozenset({"order 2", "other shapes", "curved elements"})
+ELEMENT_FEATURES = frozenset(
+    {"order 2", "quadrilaterals", "other shapes", "curved elements"}
+)
 """Elements other than straight simplices of order one."""
 
 LAW_FEATURES = frozenset({"hardening law", "rate", "initial strain"})
@@ -116,18 +118,24 @@ def _order(problem: ProblemData) -> Found:
     return {"order": problem.order} if problem.order > 1 else {}
 
 
-def _other_shapes(problem: ProblemData) -> Found:
-    """The mesh, if an element has more corners than a triangle or tetrahedron."""
+def _quadrilaterals(problem: ProblemData) -> Found:
+    """The mesh of a plane body, if an element has more corners than a triangle."""
     mesh = problem.mesh
-    corners = element_nodes(mesh)[:, mesh.dim + 1 :]
-    return {MESH: "other shapes of elements"} if (corners >= 0).any() else {}
+    found = mesh.dim == 2 and has_more_corners(mesh)
+    return {MESH: "quadrilaterals"} if found else {}
+
+
+def _other_shapes(problem: ProblemData) -> Found:
+    """The mesh of a solid, if an element has more corners than a tetrahedron."""
+    mesh = problem.mesh
+    found = mesh.dim == 3 and has_more_corners(mesh)
+    return {MESH: "hexahedra or prisms"} if found else {}
 
 
 def _curved(problem: ProblemData) -> Found:
     """The mesh, if its elements are curved."""
     mesh = problem.mesh
-    straight = mesh.GetCurveOrder() <= 1 and mesh.deformation is None
-    return {} if straight else {MESH: "curved elements"}
+    return {} if is_straight(mesh) else {MESH: "curved elements"}
 
 
 def _shared(problem: ProblemData) -> Found:
@@ -209,7 +217,8 @@ FEATURES = {
         "thickness=None, a body of thickness 1", _present, "thickness"
     ),
     "order 2": _feature("displacements of order 1 (order=1)", _order),
-    "other shapes": _feature("triangles or tetrahedra", _other_shapes),
+    "quadrilaterals": _feature("triangles, all of them", _quadrilaterals),
+    "other shapes": _feature("tetrahedra, all of them", _other_shapes),
     "curved elements": _feature("straight edges (mesh.Curve(1) makes them)", _curved),
     "shared mesh": _feature("a mesh of one process", _shared),
     "kinematic hardening": _feature(

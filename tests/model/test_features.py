@@ -57,7 +57,8 @@ ONE_MORE = {
     "axisymmetric": {"kinematics": "axisymmetric"},
     "other kinematics": {"kinematics": Kinematics("mine", 2, KINEMATICS[0].basis)},
     "order 2": {"order": 2},
-    "other shapes": {"mesh": block.structured_mesh(2, 2)},
+    "quadrilaterals": {"mesh": block.structured_mesh(2, 2)},
+    "other shapes": {"mesh": block.structured_mesh(1, 1, 1), "kinematics": "solid"},
     "isotropic hardening": {
         "material": replace(STEEL, hardening_modulus=0.1, hardening_stiffness=1e3)
     },
@@ -87,6 +88,7 @@ ONE_MORE = {
 """Feature -> what gives it to the plain problem."""
 
 IMPLIED = {
+    "other shapes": {"solid"},
     "held by contact": {"obstacle"},
     "friction": {"obstacle"},
     "Coulomb friction": {"obstacle", "friction"},

@@ -1,0 +1,249 @@
+"""Upper bounds of int phi(eps(u)) on quadrilaterals.
+
+With reference coordinates xi in the unit square, D the gradient of u by xi, F that of the position
+and J = det F > 0, eps(u) = e/J with a polynomial e = sym(D adj F), and dx = J dxi.  The density is
+
+    phi(eps) = bulk/2 (tr eps)^2 + |s + alpha|^2/(4 mu_2) - mu_2 |p_0|^2 - G(|s|).
+
+- The first two terms are N/J for a polynomial N >= 0 of degree 2 k, k the order of u.  J is affine,
+  between c (1 - tau) and c (1 + tau).  With t = (J - c)/c and an even m
+
+      1/J  <=  1/c [1 - t + t^2 - ... - t^(m-1) + t^m/(1 - tau)],
+
+  as 1/(1 + t) is the sum of the powers with t^m/(1 + t) in place of the last term.  The product
+  with N is a polynomial, which a Gauss rule integrates exactly.  tau = 0 on parallelograms.
+- G is convex in s.  So the integral of G over a part of the element is no less than the area of the
+  part times G at the mean of s over it.  This mean is exact: J cancels in int eps dx = int e dxi.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from ngsolve import ET, VOL, ElementId, InnerProduct, Integrate, IntegrationRule
+
+from ngepc.bounds.conjugate import flow_potential
+from ngepc.discretisation.law import Law, Return
+from ngepc.discretisation.points import Elements
+from ngepc.local.system import State
+from ngepc.model.elements import elements_by_shape, vertex_coordinates
+
+REMAINDER = 1e-8
+"""Part of the elastic energy that the expansion of 1/J may add."""
+MOST_TERMS = 30
+PARTED = (4, 8, 16)
+"""Into how many parts each side of an element is divided, in turn."""
+MISSED = 0.01
+"""Part of the error bound that the lower bound of G may miss."""
+NUMBERS = 2_000_000
+"""Numbers that are held in memory at once."""
+ON_PART = IntegrationRule(ET.QUAD, 3)
+WORK_ORDER = 8
+"""Of the rule for the work of body forces: polynomials of degree three times u times J."""
+
+
+@dataclass(frozen=True, eq=False)
+class Quadrilaterals:
+    """The quadrilaterals of a state, and the law there, which is constant on each.
+
+    Parameters
+    ----------
+    state
+        A state on a plane mesh.
+    block
+        Its quadrilaterals.
+    numbers, corners
+        Their numbers among the elements, and their corners (quadrilaterals, 4, 2).
+    """
+
+    state: State
+    block: Elements
+    numbers: np.ndarray
+    corners: np.ndarray
+
+    @classmethod
+    def of(cls, state: State) -> Quadrilaterals:
+        """The quadrilaterals of a state."""
+        mesh = state.discrete.problem.mesh
+        blocks = state.discrete.points.blocks
+        pairs = zip(elements_by_shape(mesh), blocks, strict=True)
+        found = next(pair for pair in pairs if pair[0][1].shape[1] == 4)
+        (numbers, vertices), block = found
+        return cls(state, block, numbers, vertex_coordinates(mesh)[vertices])
+
+    def slopes(self, places: np.ndarray) -> np.ndarray:
+        """Derivatives of the shape functions of u by xi, (places, functions, 2)."""
+        scalar = self.state.discrete.points.scalar
+        element = scalar.GetFE(ElementId(VOL, int(self.numbers[0])))
+        return np.array([np.array(element.CalcDShape(*place)) for place in places])
+
+    def at(self, places: np.ndarray, chosen: np.ndarray) -> tuple[Return, np.ndarray]:
+        """The law at places (p, 2) of some elements, and J (chosen, p); points by element."""
+        F = np.einsum("pkj,qki->qpij", corner_slopes(places), self.corners[chosen])
+        u = self.state.u[self.block.nodes[chosen]]
+        D = np.einsum("pkj,qki->qpij", self.slopes(places), u)
+        gradient = np.matmul(D, np.linalg.inv(F))
+        basis = self.block.basis
+        strain = gradient.reshape(-1, 4) @ basis.reshape(len(basis), -1).T
+        return self.returned(strain, chosen), np.linalg.det(F)
+
+    def returned(self, strain: np.ndarray, chosen: np.ndarray) -> Return:
+        """The law at strains (trace and deviator) of points by element."""
+        law = self.law(chosen, len(strain) // len(chosen))
+        beyond = law.beyond_initial(strain[:, 0], strain[:, 1:])
+        return law.returned(*beyond)
+
+    def law(self, chosen: np.ndarray, each: int) -> Law:
+        """The law at so many points of each of some elements."""
+        first = self.block.points[chosen, 0]
+        return self.state.discrete.law.of(np.repeat(first, each))
+
+    def portions(self, places: int) -> Iterator[np.ndarray]:
+        """All elements, in groups that fit into memory."""
+        each = max(1, NUMBERS // (places * 20))
+        count = len(self.numbers)
+        for start in range(0, count, each):
+            yield np.arange(start, min(start + each, count))
+
+    def determinants(self) -> tuple[np.ndarray, np.ndarray]:
+        """c and tau of each element: J is affine, its extremes are at corners."""
+        slopes = corner_slopes(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=float))
+        J = np.linalg.det(np.einsum("pkj,qki->qpij", slopes, self.corners))
+        least = J.min(axis=1)
+        most = J.max(axis=1)
+        return (most + least) / 2, (most - least) / (most + least)
+
+
+def corner_slopes(places: np.ndarray) -> np.ndarray:
+    """Derivatives of the bilinear functions of the corners by xi, (places, 4, 2)."""
+    x = places[:, 0]
+    y = places[:, 1]
+    by_x = np.stack([y - 1, 1 - y, y, -y], axis=1)
+    by_y = np.stack([x - 1, -x, x, 1 - x], axis=1)
+    return np.stack([by_x, by_y], axis=2)
+
+
+def upper_energies(state: State, bound: float) -> tuple[np.ndarray, np.ndarray]:
+    """Upper bounds of int phi(eps(u)) over the quadrilaterals, and their numbers.
+
+    ``bound`` is the size of the error bound that they are used in.
+    """
+    those = Quadrilaterals.of(state)
+    elastic, area = elastic_energies(those)
+    law = those.law(np.arange(len(area)), 1)
+    history = 0.5 * law.two_mu * (law.initial**2).sum(axis=1) * area
+    return elastic - history - least_flow(those, MISSED * bound), those.numbers
+
+
+def changes(
+    own: State, made: State, phi: np.ndarray, parents: np.ndarray, bound: float
+) -> np.ndarray:
+    """Upper bounds of what each element adds to J(u_h) - J(v), (elements,).
+
+    ``own`` is the state of u_h on quadrilaterals, ``made`` that of v on triangles, ``phi`` upper
+    bounds of int phi(eps(v)) over the triangles.  On the edges of the elements u_h is v, so that
+    contact, friction, springs and tractions do the same work.
+    """
+    problem = own.discrete.problem
+    energy, numbers = upper_energies(own, bound)
+    count = problem.mesh.ne
+    by_element = np.bincount(parents, phi, minlength=count)[numbers]
+    change = np.zeros(count)
+    change[numbers] = energy - by_element
+    if problem.f is None:
+        return change
+    mine = work_by_element(own)
+    other = np.bincount(parents, work_by_element(made), minlength=count)
+    work = mine - other
+    whole = np.vdot(own.discrete.load, own.u) - np.vdot(made.discrete.load, made.u)
+    rest = (whole - work.sum()) / count
+    return change - work - rest
+
+
+def work_by_element(state: State) -> np.ndarray:
+    """The work of the body force in the displacement of a state, by element."""
+    problem = state.discrete.problem
+    u = state.discrete.supports.function(state.u)
+    density = InnerProduct(problem.f, u)
+    work = Integrate(density, problem.mesh, order=WORK_ORDER, element_wise=True)
+    return np.array(work)
+
+
+def elastic_energies(those: Quadrilaterals) -> tuple[np.ndarray, np.ndarray]:
+    """Upper bounds of the integrals of the first two terms, and the areas."""
+    c, tau = those.determinants()
+    terms = terms_needed(float(tau.max()))
+    order = those.state.discrete.problem.order
+    rule = IntegrationRule(ET.QUAD, 2 * order + terms + 1)
+    places = np.array(rule.points)[:, :2]
+    weights = np.array(rule.weights)
+    energy = np.empty(len(c))
+    area = np.empty(len(c))
+    for chosen in those.portions(len(places)):
+        at, J = those.at(places, chosen)
+        law = those.law(chosen, len(places))
+        total = at.trial + law.back
+        density = law.bulk * at.volume**2 + (total**2).sum(axis=1) / law.two_mu
+        N = density.reshape(J.shape) * J**2 / 2
+        t = J / c[chosen, None] - 1
+        powers = (-t[:, :, None]) ** np.arange(terms + 1)
+        powers[:, :, -1] /= 1 - tau[chosen, None]
+        inverse = powers.sum(axis=2) / c[chosen, None]
+        energy[chosen] = (N * inverse) @ weights
+        area[chosen] = J @ weights
+    return energy, area
+
+
+def terms_needed(tau: float) -> int:
+    """The smallest even m for which the last term is small."""
+    m = 0
+    while m < MOST_TERMS and tau**m / (1 - tau) - 1 * (m == 0) > REMAINDER:
+        m += 2
+    return m
+
+
+def least_flow(those: Quadrilaterals, allowed: float) -> np.ndarray:
+    """Lower bounds of the integrals of G over the elements.
+
+    Elements are divided until quadrature rules exceed the bounds by less than ``allowed`` in all.
+    """
+    count = len(those.numbers)
+    least = np.zeros(count)
+    missed = np.full(count, np.inf)
+    limit = allowed / count
+    for parts in PARTED:
+        for chosen in those.portions(4 * parts**2):
+            rough = chosen[missed[chosen] > limit]
+            if not len(rough):
+                continue
+            low, near = flow_on_parts(those, rough, parts)
+            least[rough] = low
+            missed[rough] = near - low
+    return least
+
+
+def flow_on_parts(
+    those: Quadrilaterals, chosen: np.ndarray, parts: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """A lower bound of the integral of G over some elements, and its value by quadrature."""
+    origins = np.indices((parts, parts)).reshape(2, -1).T / parts
+    inside = np.array(ON_PART.points)[:, :2] / parts
+    places = (origins[:, None] + inside).reshape(-1, 2)
+    at, J = those.at(places, chosen)
+    weights = J.reshape(len(chosen), parts**2, -1) * np.array(ON_PART.weights)
+    weights = weights / parts**2
+    law = those.law(chosen, len(places))
+    near = flow_potential(law.resistance, law.modulus, at.size, at.gained)
+
+    area = weights.sum(axis=2)
+    shares = weights / area[:, :, None]
+    strain = np.column_stack([at.volume + law.swelling, at.deviator + law.distortion])
+    strain = strain.reshape(*weights.shape, -1)
+    mean = np.einsum("qpi,qpis->qps", shares, strain)
+    mean_at = those.returned(mean.reshape(-1, mean.shape[2]), chosen)
+    law = those.law(chosen, parts**2)
+    low = flow_potential(law.resistance, law.modulus, mean_at.size, mean_at.gained)
+    least = (low.reshape(area.shape) * area).sum(axis=1)
+    return least, (near.reshape(weights.shape) * weights).sum(axis=(1, 2))
