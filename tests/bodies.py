@@ -1,6 +1,9 @@
 """Small bodies of every shape of element, with loads that make a part yield and touch."""
 
-from ngsolve import x
+import numpy as np
+from netgen.meshing import Element1D, Element2D, FaceDescriptor, MeshPoint, Pnt
+from netgen.meshing import Mesh as NetgenMesh
+from ngsolve import Mesh, x
 from ngsolve.meshes import MakeStructured3DMesh
 
 from ngepc import Material, Problem, outward_normal
@@ -46,6 +49,43 @@ def prisms(n):
     for number, name in enumerate(mesh.GetBoundaries()):
         mesh.ngmesh.SetBCName(number, names.get(name, name))
     return mesh
+
+
+def in_quadrilaterals(mesh):
+    """A mesh of triangles, each cut into three convex quadrilaterals by its centre."""
+    new = NetgenMesh(dim=2)
+    middles = {}
+
+    def added(place):
+        """A new vertex."""
+        return new.Add(MeshPoint(Pnt(*place, 0)))
+
+    def middle(a, b):
+        """The vertex in the middle of an edge."""
+        key = frozenset((a, b))
+        if key not in middles:
+            middles[key] = added((places[a] + places[b]) / 2)
+        return middles[key]
+
+    places = np.array([vertex.point for vertex in mesh.vertices])
+    corners = [added(place) for place in places]
+    for number, name in enumerate(mesh.GetMaterials()):
+        new.Add(FaceDescriptor(surfnr=number + 1, domin=number + 1, bc=number + 1))
+        new.SetMaterial(number + 1, name)
+    for element in mesh.ngmesh.Elements2D():
+        nodes = [vertex.nr - 1 for vertex in element.vertices]
+        centre = added(places[nodes].mean(axis=0))
+        for k, node in enumerate(nodes):
+            after = middle(node, nodes[(k + 1) % 3])
+            before = middle(nodes[k - 1], node)
+            new.Add(Element2D(element.index, [corners[node], after, centre, before]))
+    for element in mesh.ngmesh.Elements1D():
+        a, b = (vertex.nr - 1 for vertex in element.vertices)
+        for ends in ((corners[a], middle(a, b)), (middle(a, b), corners[b])):
+            new.Add(Element1D(list(ends), index=element.index))
+    for number, name in enumerate(mesh.GetBoundaries()):
+        new.SetBCName(number, name)
+    return Mesh(new)
 
 
 def pressed_body(shape, kinematics=None, order=1, material=STEEL):

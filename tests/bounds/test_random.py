@@ -19,6 +19,8 @@ CHOSEN = [
     (3, "springs", 3),
     (4, "springs, order 2", 1),
     (5, "springs, solid", 1),
+    (4, "quadrilaterals", 3),
+    (8, "quadrilaterals, order 2", 2),
 ]
 """Seeds, kinds, and how many problems; the campaign of crossings has 200 of each kind."""
 

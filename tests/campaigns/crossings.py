@@ -9,11 +9,13 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
+from bodies import in_quadrilaterals
 from campaigns.random_problems import BODIES, Draw, build, draws
 from ngsolve import CF, cos, sin, x, y
 
 from ngepc import semismooth_newton
 from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.quadrilaterals import problem_on_simplices
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.studies.work import Work
 
@@ -33,10 +35,15 @@ WIDER = (
     "springs, solid",
     "plane stress",
     "plane stress, order 2",
+    "quadrilaterals",
+    "quadrilaterals, order 2",
 )
-"""More kinds, with elastic foundations and in plane stress: ``--rows "springs,plane stress"``."""
+"""More kinds, with elastic foundations, in plane stress, or with each triangle cut into three
+quadrilaterals: ``--rows "springs,plane stress"``."""
 
-BISECTIONS = {"solid": 1, "springs, solid": 1}
+BISECTIONS = dict.fromkeys(
+    ["solid", "springs, solid", "quadrilaterals", "quadrilaterals, order 2"], 1
+)
 """Number of bisections of all elements for the reference; twice in the plane."""
 
 HEAD = ("group", "problems", "failures", "least margin", "median bound / error",
@@ -97,6 +104,8 @@ def problem_of(draw, kind):
     )
     if kind.endswith("order 2"):
         problem = replace(problem, order=2)
+    if kind.startswith("quadrilaterals"):
+        return replace(problem, mesh=in_quadrilaterals(problem.mesh))
     if kind.startswith("springs"):
         return with_springs(problem, draw)
     if rough:
@@ -156,7 +165,11 @@ def random_crossings(seed, count, bisections, kind="order 1"):
 
 
 def finer(problem, bisections):
-    """The problem on a mesh all of whose elements are bisected several times."""
+    """The problem on a mesh all of whose elements are bisected several times.
+
+    Quadrilaterals are cut into triangles of order two first.
+    """
+    problem = problem_on_simplices(problem)
     for _ in range(bisections):
         everywhere = np.ones(problem.mesh.ne, dtype=bool)
         problem = on_mesh(problem, *bisected(problem.mesh, everywhere))
@@ -224,7 +237,8 @@ class Crossings(Work):
         ]
         return [
             f"Random problems of `tests/campaigns/random_problems.py`, seed {self.seed}. For "
-            "reference all elements are bisected twice, in space once; errors are the largest that "
+            "reference all elements are bisected twice, in space once, quadrilaterals are cut "
+            "into triangles of order two and these bisected once; errors are the largest that "
             "the bounds there allow. Margin: how far each energy is above the lower bound of the "
             "other mesh, in units of the bound. A failure is a problem with an exception, an "
             "energy below the lower bound of the other mesh, or a negative indicator.",
