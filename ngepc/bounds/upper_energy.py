@@ -37,6 +37,8 @@ PARTED = (4, 8, 16)
 """Into how many parts each side of an element is divided, in turn."""
 MISSED = 0.01
 """Part of the error bound that the lower bound of G may miss."""
+FLAT = 1e-6
+"""Smallest ratio of J at corners."""
 NUMBERS = 2_000_000
 """Numbers that are held in memory at once."""
 ON_PART = IntegrationRule(ET.QUAD, 3)
@@ -87,7 +89,7 @@ class Quadrilaterals:
         gradient = np.matmul(D, np.linalg.inv(F))
         basis = self.block.basis
         strain = gradient.reshape(-1, 4) @ basis.reshape(len(basis), -1).T
-        return self.returned(strain, chosen), np.linalg.det(F)
+        return self.returned(strain, chosen), np.abs(np.linalg.det(F))
 
     def returned(self, strain: np.ndarray, chosen: np.ndarray) -> Return:
         """The law at strains (trace and deviator) of points by element."""
@@ -108,11 +110,18 @@ class Quadrilaterals:
             yield np.arange(start, min(start + each, count))
 
     def determinants(self) -> tuple[np.ndarray, np.ndarray]:
-        """c and tau of each element: J is affine, its extremes are at corners."""
+        """c and tau of each element: J is affine, its extremes are at corners.
+
+        ValueError where J vanishes at a corner.
+        """
         slopes = corner_slopes(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=float))
-        J = np.linalg.det(np.einsum("pkj,qki->qpij", slopes, self.corners))
+        J = np.abs(np.linalg.det(np.einsum("pkj,qki->qpij", slopes, self.corners)))
         least = J.min(axis=1)
         most = J.max(axis=1)
+        if (least < FLAT * most).any():
+            raise ValueError(
+                "mesh has quadrilaterals with an angle of 180 degrees: a bound needs less"
+            )
         return (most + least) / 2, (most - least) / (most + least)
 
 

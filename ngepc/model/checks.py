@@ -11,7 +11,7 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from ngsolve import CoefficientFunction, Det, Mesh, specialcf
+from ngsolve import CF, CoefficientFunction, Det, Mesh, specialcf, x, y, z
 
 from ngepc.checks.arguments import (
     boundary_names,
@@ -42,6 +42,8 @@ from ngepc.model.elements import (
     SHAPES,
     corner_vertices,
     element_nodes,
+    has_more_corners,
+    is_straight,
     plastic_points,
     vertex_coordinates,
 )
@@ -157,6 +159,24 @@ def check_mesh(mesh: Mesh) -> None:
     if size.min() < 0 < size.max():
         raise ValueError(
             "mesh has inverted elements (Jacobian determinants of both signs)"
+        )
+    if is_straight(mesh) and has_more_corners(mesh):
+        check_corners(mesh, nodes)
+
+
+def check_corners(mesh: Mesh, nodes: np.ndarray) -> None:
+    """Refuse elements that NGSolve maps by affine functions, but whose corners are elsewhere.
+
+    ``nodes`` are those of ``element_nodes``.  Elements of structured meshes are marked as
+    parallelograms, which they no longer are after vertices were moved.
+    """
+    mapped = sample(CF((x, y, z)[: mesh.dim]), mesh, rules=corner_rules(mesh.dim))
+    places = vertex_coordinates(mesh)
+    defect = np.abs(mapped - places[nodes[nodes >= 0]]).max()
+    if defect > 1e-9 * np.ptp(places, axis=0).max():
+        raise ValueError(
+            "mesh has elements that are marked as parallelograms, but are none: set "
+            "curved=True for its Netgen elements when their vertices were moved"
         )
 
 

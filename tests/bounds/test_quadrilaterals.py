@@ -299,6 +299,27 @@ def test_goals_receipts_and_verdicts(tmp_path):
     assert confidence(result).startswith("Guaranteed")
 
 
+def test_the_orientation_of_elements_does_not_matter():
+    mesh = distorted(4)
+    bounds = []
+    for flip in (False, True):
+        turned = NetgenMesh(dim=2)
+        numbers = [turned.Add(point) for point in mesh.ngmesh.Points()]
+        turned.Add(FaceDescriptor(surfnr=1, domin=1, bc=1))
+        turned.SetMaterial(1, "body")
+        for element in mesh.ngmesh.Elements2D():
+            corners = [numbers[vertex.nr - 1] for vertex in element.vertices]
+            turned.Add(Element2D(1, corners[::-1] if flip else corners))
+        for element in mesh.ngmesh.Elements1D():
+            ends = [numbers[vertex.nr - 1] for vertex in element.vertices]
+            turned.Add(Element1D(ends, index=element.index))
+        for number, name in enumerate(mesh.GetBoundaries()):
+            turned.SetBCName(number, name)
+        bounds.append(error_bound(semismooth_newton(plastic(Mesh(turned), 2))))
+    assert bounds[0].total == pytest.approx(bounds[1].total, rel=0.01)
+    assert bounds[0].energy == pytest.approx(bounds[1].energy, rel=1e-6)
+
+
 def test_data_of_single_elements_are_carried():
     """A history and a stiffness with one value on each element, on both halves of it."""
     mesh = distorted(4)

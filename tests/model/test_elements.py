@@ -149,6 +149,20 @@ def triangles_of(points, corners):
     return Mesh(mesh)
 
 
+def test_moved_vertices_of_parallelograms_are_refused():
+    """NGSolve would go on with parallelograms, which leave gaps and overlap."""
+    mesh = block.structured_mesh(3, 3)
+    inner = next(
+        p for p in mesh.ngmesh.Points() if 0.2 < p[0] < 0.4 and 0.2 < p[1] < 0.4
+    )
+    inner[0] += 0.05
+    with pytest.raises(ValueError, match="marked as parallelograms"):
+        check_mesh(Mesh(mesh.ngmesh))
+    for element in mesh.ngmesh.Elements2D():
+        element.curved = True
+    check_mesh(Mesh(mesh.ngmesh))
+
+
 def test_degenerate_and_inverted_elements_are_refused():
     """An element of zero area, one of rounding's area, two that are oriented differently."""
     points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 0.0), (0.5, 1e-16), (1.0, 1.0)]
