@@ -135,17 +135,8 @@ FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 6)}  # by dimensi
 
 def check_covered(problem: Problem) -> None:
     """Refuse problems without a guaranteed bound with a ValueError that names the argument."""
-    advice = "; error_indicators(result) estimates, without a guarantee"
+    check_features(problem)
     simplices = has_straight_simplices(problem.mesh)
-    if simplices:
-        advice = ""
-    require_covered(problem, "a bound", COVERS, advice)
-    if problem.N == 3 and problem.order == 2:
-        covers = COVERS - {"friction"}
-        require_covered(problem, "a bound of order 2 in three dimensions", covers)
-    for feature, what in ON_SIMPLICES.items():
-        if FEATURES[feature].found(problem):
-            require_covered(problem, what, COVERS - {"quadrilaterals"})
     material = problem.material
     scalar, back = problem.alpha_0
     coefficients = {
@@ -180,6 +171,20 @@ def check_covered(problem: Problem) -> None:
             raise ValueError(
                 f"{name} varies inside elements: bounds need {needed} on each element"
             )
+
+
+def check_features(problem: Problem) -> None:
+    """Refuse features, and pairs of features, that no bound covers."""
+    advice = "; error_indicators(result) estimates, without a guarantee"
+    if has_straight_simplices(problem.mesh):
+        advice = ""
+    require_covered(problem, "a bound", COVERS, advice)
+    if problem.N == 3 and problem.order == 2:
+        covers = COVERS - {"friction"}
+        require_covered(problem, "a bound of order 2 in three dimensions", covers)
+    for feature, what in ON_SIMPLICES.items():
+        if FEATURES[feature].found(problem):
+            require_covered(problem, what, COVERS - {"quadrilaterals"})
 
 
 def varies_inside(
