@@ -17,7 +17,7 @@ from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import COVERS as GOALS
 from ngepc.bounds.goal_bound import GoalBound, GoalProblem
 from ngepc.bounds.quadrilaterals import problem_on_simplices
-from ngepc.bounds.transfer import bisected_to, carried_state, check_carried, on_mesh
+from ngepc.bounds.transfer import bisected_to, carried_state, check_carried, discrete_on
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
@@ -221,8 +221,7 @@ def solve_to(
                 f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
             )
             return replace(here, message=message)
-        discrete = DiscreteProblem(on_mesh(result.problem, mesh, parents))
-        state = carried_state(result, discrete, parents)
+        state = carried_state(result, discrete_on(result, mesh, parents), parents)
         small = SMALL_STEP * bound.total
 
 

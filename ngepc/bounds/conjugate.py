@@ -115,14 +115,18 @@ class Conjugate:
         zeta is the elastic one where the resulting stress does not yield; elsewhere it is computed
         by Newton steps.
         """
+        return self._completed(*self.mean_and_deviator(z))
+
+    def mean_and_deviator(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """m and d of the same stress, (cells, points) and (cells, points, d)."""
         if self.whole:
-            return self._completed(z[..., 0], z[..., 1:])
+            return z[..., 0], z[..., 1:]
         if self.thin:
             whole = np.matmul(z, THIN.T)
-            return self._completed(whole[..., 0], whole[..., 1:])
+            return whole[..., 0], whole[..., 1:]
         zeta = self._zeta(z)
         d = np.stack([z[..., 1], zeta, z[..., 2]], axis=-1)
-        return self._completed(z[..., 0] - zeta / R6, d)
+        return z[..., 0] - zeta / R6, d
 
     def _zeta(self, z: np.ndarray) -> np.ndarray:
         """The zeta that nearly minimises phi* - zeta offset, (cells, points)."""
@@ -194,7 +198,7 @@ class Conjugate:
         """phi* at completed stresses, shape (cells, points), without zeta times the offset."""
         bulk = self.bulk[:, None]
         two_mu = self.two_mu[:, None]
-        total = self._total(at)
+        total = self._total(at.deviator)
         square = np.einsum("tqd,tqd->tq", total, total)
         plastic = flow_potential(
             self.columns, self.hardening[:, None], at.size, at.gained
@@ -204,9 +208,9 @@ class Conjugate:
             return elastic + plastic
         return elastic + plastic - self.offset[:, None] * at.deviator[..., 1]
 
-    def _total(self, at: Completed) -> np.ndarray:
+    def _total(self, d: np.ndarray) -> np.ndarray:
         """D + 2 mu_2 p_0: the deviatoric strain without p, as a stress."""
-        return at.deviator + self.two_mu[:, None, None] * self.initial
+        return d + self.two_mu[:, None, None] * self.initial
 
     def gradient(self, at: Completed) -> np.ndarray:
         """The strain d phi* / dz, shape (cells, points, c)."""
@@ -300,11 +304,11 @@ class Conjugate:
 
         The latter are the cells (n,) of parts, and the coefficients (n, k, d) of ``shifted`` there.
         """
-        at = self.completed(nodal)
         k = NODES[nodal.shape[1]]
+        m, d = self.mean_and_deviator(nodal)
         mean, total, s, d = (
             coefficients(v.reshape(len(nodal), -1, k, v[0, 0].size))
-            for v in (at.mean, self._total(at), self.shifted(at), at.deviator)
+            for v in (m, self._total(d), self.shifted(d), d)
         )
         part = volume[:, None] / mean.shape[1]
         squares = square_integrals(mean, part) / self.bulk[:, None]
@@ -317,9 +321,9 @@ class Conjugate:
         cell, place = np.nonzero(self.may_yield(s))
         return smooth, cell, s[cell, place]
 
-    def shifted(self, at: Completed) -> np.ndarray:
+    def shifted(self, d: np.ndarray) -> np.ndarray:
         """What the plastic part depends on: s = d - dev alpha_0, (cells, points, d)."""
-        return at.size[..., None] * at.direction
+        return d - self.back
 
     def may_yield(self, s: np.ndarray) -> np.ndarray:
         """Whether the plastic part is not zero on a part, (cells, parts)."""

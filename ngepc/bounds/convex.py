@@ -124,9 +124,14 @@ class ConvexConjugate(Conjugate):
         """See ``Conjugate``."""
         return np.linalg.inv(at.stiffness)
 
-    def shifted(self, at: Strained) -> np.ndarray:
+    def mean_and_deviator(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See ``Conjugate``."""
+        at = self.completed(z)
+        return at.mean, at.deviator
+
+    def shifted(self, d: np.ndarray) -> np.ndarray:
         """See ``Conjugate``: d itself."""
-        return at.deviator
+        return d
 
     def may_yield(self, s: np.ndarray) -> np.ndarray:
         """See ``Conjugate``: F may differ from zero in an elastic body with a history."""

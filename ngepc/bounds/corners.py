@@ -17,15 +17,15 @@ from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.transfer import (
     carried_state,
     copied,
+    discrete_on,
     not_carried,
-    on_mesh,
     parents_in,
 )
 from ngepc.discretisation.factors import Factors
 from ngepc.local.indicators import COVERS as ESTIMATED
 from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
-from ngepc.local.system import DiscreteProblem, State
+from ngepc.local.system import State
 from ngepc.model.features import is_covered
 
 SHARE = 0.004
@@ -49,7 +49,7 @@ def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
     if found is None:
         return None
     mesh, parents = found
-    discrete = DiscreteProblem(on_mesh(problem, mesh, parents))
+    discrete = discrete_on(result, mesh, parents)
     return carried_state(result, discrete, parents), parents
 
 

@@ -91,11 +91,12 @@ def smooth_means(
     bound = np.empty(len(pulled))
     bound[elastic] = law.of_points(elastic).quadratic(pulled[elastic], w[elastic], 1.0)
     estimate = bound.copy()
-    other = np.flatnonzero(~elastic)
-    if len(other):
-        some = law.of_points(other)
-        found = some.yielding_means(p_first[..., other], w_first[..., other])
-        bound[other], estimate[other] = found
+    if elastic.all():
+        return bound, estimate
+    other = ~elastic if elastic.any() else slice(None)
+    some = law.of_points(other)
+    found = some.yielding_means(p_first[..., other], w_first[..., other])
+    bound[other], estimate[other] = found
     return bound, estimate
 
 

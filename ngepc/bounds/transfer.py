@@ -16,6 +16,7 @@ from ngsolve import CF, L2, CoefficientFunction, GridFunction, Integrate, Mesh, 
 from ngepc.bounds.contact import BUBBLE, EDGES
 from ngepc.bounds.coverage import check_covered, varies_inside
 from ngepc.bounds.simplices import marked
+from ngepc.discretisation.body import Floating
 from ngepc.discretisation.loads import displacement_space, nodal
 from ngepc.discretisation.points import Points, on_children
 from ngepc.local.result import ExactResult
@@ -177,6 +178,17 @@ def on_mesh(
     return finer
 
 
+def discrete_on(old: ExactResult, mesh: Mesh, parents: np.ndarray) -> DiscreteProblem:
+    """The discrete problem of a result on a bisected mesh, see ``on_mesh``.
+
+    Supports hold the same parts of the body on both meshes.
+    """
+    discrete = DiscreteProblem(on_mesh(old.problem, mesh, parents))
+    if not old.discrete.floating.centres:
+        discrete.floating = Floating(discrete, fixed=True)
+    return discrete
+
+
 def mapped(
     value: object, change: Callable[[CoefficientFunction], CoefficientFunction]
 ) -> object:
@@ -224,17 +236,19 @@ def carried_function(
         Points(m, problem.kinematics, problem.order) for m in (problem.mesh, mesh)
     )
     values = nodal(u.vec.FV().NumPy(), problem)
-    values = carried_displacements(values, before, after, parents)
+    share = shares_in_parents(before, after, parents)
+    values = carried_displacements(values, share, before, after, parents)
     found = GridFunction(VectorH1(mesh, order=problem.order), name=u.name)
     found.vec.FV().NumPy()[:] = values.T.ravel()
     return found
 
 
 def carried_displacements(
-    u: np.ndarray, before: Points, after: Points, parents: np.ndarray
+    u: np.ndarray, share: np.ndarray, before: Points, after: Points, parents: np.ndarray
 ) -> np.ndarray:
     """The same displacements (nodes, N) on a bisected mesh, from the points of both meshes.
 
+    ``share`` are those of ``shares_in_parents``.
     Affine functions are interpolated by barycentric coordinates in the parents, the quadratic parts
     of displacements of order two by products of these.
     """
@@ -242,7 +256,6 @@ def carried_displacements(
     ends = N + 1
     nodes = after.blocks[0].nodes
     there = before.blocks[0].nodes[parents]
-    share = shares_in_parents(before, after, parents)
     found = np.empty((after.scalar.ndof, N))
     corners = np.matmul(share, u[there[:, :ends]])
     if before.order == 2:
@@ -278,7 +291,7 @@ def carried_state(
     after = discrete.points
     there = before.blocks[0].nodes[parents, :ends]
     share = shares_in_parents(before, after, parents)
-    u = carried_displacements(old.state.u, before, after, parents)
+    u = carried_displacements(old.state.u, share, before, after, parents)
     stress = np.empty((problem.mesh.nv, 1 + problem.N))
     known = tractions_at_vertices(old)[there]
     stress[after.blocks[0].nodes[:, :ends]] = np.matmul(share, known)

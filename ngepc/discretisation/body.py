@@ -307,10 +307,11 @@ class Floating:
     """Weak springs of the tangent, shape (nodes, N), zero if no part floats: they resist the change
     of a Newton step, not the displacement, and the convergence factor is about SOFT."""
 
-    def __init__(self, body: DiscreteBody) -> None:
+    def __init__(self, body: DiscreteBody, *, fixed: bool = False) -> None:
+        """``fixed`` says that no part floats, if that is known."""
         self._contact = body.contact
         self._load = body.load
-        found = floating_motions(body.problem)
+        found = [] if fixed else floating_motions(body.problem)
         x = vertex_coordinates(body.problem.mesh)
         self.centres = [x[vertices].mean(axis=0) for _, vertices in found]
         self._motions = np.zeros((*body.load.shape, sum(m.shape[2] for m, _ in found)))

@@ -169,6 +169,8 @@ def averaged(
             own = np.einsum("kp,epc->ekc", shape.coefficients, given[block.points])
             own *= block.weights.sum(axis=1)[:, None, None]
             own[:, :, 0] = block.weights.sum(axis=1)[:, None]
-        np.add.at(sums, block.nodes, own)
+        nodes = block.nodes.ravel()
+        for component, values in enumerate(own.reshape(len(nodes), -1).T):
+            sums[:, component] += np.bincount(nodes, values, minlength=len(sums))
     sums = points.processes.summed(sums)
     return sums[:, 1:] / sums[:, :1]
