@@ -72,7 +72,7 @@ class StressFunctional:
         return self.space.area * ((self.conjugate.sought(at) - work) @ weights)
 
 
-def strains(compliance: np.ndarray, z: np.ndarray) -> np.ndarray:
+def strain_of(compliance: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Compliances (cells, 1 or points, c, c) times stresses (cells, points, c)."""
     if compliance.shape[1] == 1:
         return np.matmul(z, compliance[:, 0])  # they are symmetric
@@ -103,7 +103,7 @@ class TangentCompliance:
 
     def gradient(self, at: Completed) -> np.ndarray:
         """H z, (cells, points, c)."""
-        return strains(self.compliance_of, at.deviator)
+        return strain_of(self.compliance_of, at.deviator)
 
     def compliance(self, at: Completed) -> np.ndarray:
         """H."""
@@ -133,7 +133,7 @@ class SecondOrderModel:
 
     def gradient(self, z: np.ndarray) -> np.ndarray:
         """The derivative, a strain, at stresses; both (nt, points, 3)."""
-        return strains(self.compliance, z - self.centre) + self._gradient
+        return strain_of(self.compliance, z - self.centre) + self._gradient
 
     def values(self, z: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Integrals over the triangles for stresses with this gradient, by the rule."""
@@ -165,7 +165,7 @@ class SecondOrderModel:
 
     def forces(self, x: np.ndarray) -> np.ndarray:
         """The stiffness times all unknowns x, held ones too."""
-        strain = strains(self.compliance, self.space.stress(x))
+        strain = strain_of(self.compliance, self.space.stress(x))
         return self.space.gathered(self.space.forces(strain))
 
 
@@ -279,7 +279,7 @@ def missed_energy(
     for cells in portions(len(tau)):
         part = quadratic.of(cells)
         off = part.gradient(part.completed(tau[cells])) - strain[cells]
-        stress = strains(np.linalg.inv(part.compliance_of), off)
+        stress = strain_of(np.linalg.inv(part.compliance_of), off)
         square = np.einsum("tqc,tqc->tq", off, stress) @ weights
         energy += float(functional.space.area[cells] @ square) / 2
     return energy
