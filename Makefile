@@ -57,6 +57,7 @@ campaigns: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results fuzz --count 100 --seed 1
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results robustness
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results crossings
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results squares
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results derivatives
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results equilibria
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results cones

@@ -62,7 +62,8 @@ problem has.
 TAIL = """
 A method may cover two features but not both at once. These pairs are refused, too:
 
-- Plane stress, Hill's criterion and sub-elements have no bounds on quadrilaterals.
+- Plane stress, Hill's criterion and sub-elements have bounds on quadrilaterals if these are
+  parallelograms and `order=1`.
 - Bounds of order 2 in three dimensions do not cover friction.
 - Receipts in three dimensions need `order=1`. They need obstacles that are affine on each facet
   of the contact boundary.

@@ -51,6 +51,35 @@ def prisms(n):
     return mesh
 
 
+def distorted(n, size=0.25, seed=1, mixed=False):
+    """A unit square of n x n convex quadrilaterals, some of them triangles if ``mixed``."""
+    regular = block.structured_mesh(n, n)
+    old = regular.ngmesh
+    random = np.random.default_rng(seed)
+    new = NetgenMesh(dim=2)
+    numbers = []
+    for point in old.Points():
+        place = np.array([point[0], point[1]])
+        inside = (place > 1e-9) & (place < 1 - 1e-9)
+        place += inside.all() * random.uniform(-size / n, size / n, 2)
+        numbers.append(new.Add(MeshPoint(Pnt(*place, 0))))
+    new.Add(FaceDescriptor(surfnr=1, domin=1, bc=1))
+    new.SetMaterial(1, "body")
+    for element in old.Elements2D():
+        corners = [numbers[vertex.nr - 1] for vertex in element.vertices]
+        if mixed and random.uniform() < 0.4:
+            new.Add(Element2D(1, [corners[k] for k in (0, 1, 2)]))
+            new.Add(Element2D(1, [corners[k] for k in (0, 2, 3)]))
+            continue
+        new.Add(Element2D(1, corners))
+    for element in old.Elements1D():
+        ends = [numbers[vertex.nr - 1] for vertex in element.vertices]
+        new.Add(Element1D(ends, index=element.index))
+    for number, name in enumerate(regular.GetBoundaries()):
+        new.SetBCName(number, name)
+    return Mesh(new)
+
+
 def in_quadrilaterals(mesh):
     """A mesh of triangles, each cut into three convex quadrilaterals by its centre."""
     new = NetgenMesh(dim=2)

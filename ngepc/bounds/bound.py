@@ -22,7 +22,7 @@ from ngsolve import L2, GridFunction
 from ngepc._deprecated import old_names
 from ngepc.bounds.convex import conjugate_of
 from ngepc.bounds.corners import balanced_by_copy, pressure_on_copy, state_on_copy
-from ngepc.bounds.coverage import check_covered
+from ngepc.bounds.coverage import check_covered, is_bilinear
 from ngepc.bounds.data import (
     BoundData,
     balanced_stress,
@@ -35,7 +35,6 @@ from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.quadrilaterals import (
     cut_into_triangles,
     has_quadrilaterals,
-    is_interpolated_exactly,
     triangulated,
 )
 from ngepc.bounds.solid import SolidBoundData
@@ -265,7 +264,7 @@ def bound_on_triangles(result: ExactResult) -> ErrorBound:
     cells = result.problem.mesh.ne
     per_cell = np.bincount(cut_mesh.parents, bound.per_cell, minlength=cells)
     bound = replace(bound, per_cell=per_cell, given=result.problem)
-    if is_interpolated_exactly(result.problem) or moved > state.touching_distance:
+    if is_bilinear(result.problem) or moved > state.touching_distance:
         return bound
     phi = bound_data.phi(state)
     change = changes(result.state, state, phi, cut_mesh.parents, bound.total)

@@ -6,7 +6,12 @@ import numpy as np
 from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule, Mesh
 
 from ngepc.discretisation.sampling import Scan
-from ngepc.model.elements import SHAPES, elements_by_shape, has_straight_simplices
+from ngepc.model.elements import (
+    SHAPES,
+    are_parallelograms,
+    elements_by_shape,
+    has_straight_simplices,
+)
 from ngepc.model.features import (
     BASIC_FEATURES,
     FEATURES,
@@ -24,12 +29,15 @@ COVERS = (
 )
 """Features that guaranteed bounds cover; friction in three dimensions with order 1 only."""
 
-ON_SIMPLICES = {
+ON_PARALLELOGRAMS = {
     "plane stress": "a bound in plane stress",
     "anisotropic yield": "a bound with Hill's criterion",
     "cyclic hardening": "a bound with sub-elements",
 }
-"""Features that bounds do not cover on quadrilaterals: there phi is no function of |s|."""
+"""Features that bounds cover on parallelograms of order one, but on no other quadrilaterals.
+
+There no upper bound of the energy is known.
+"""
 
 # part of its largest value by which a coefficient may vary on an element and count as constant
 CONSTANT = 1e-10
@@ -182,9 +190,16 @@ def check_features(problem: Problem) -> None:
     if problem.N == 3 and problem.order == 2:
         covers = COVERS - {"friction"}
         require_covered(problem, "a bound of order 2 in three dimensions", covers)
-    for feature, what in ON_SIMPLICES.items():
-        if FEATURES[feature].found(problem):
-            require_covered(problem, what, COVERS - {"quadrilaterals"})
+    for feature, what in ON_PARALLELOGRAMS.items():
+        if FEATURES[feature].found(problem) and not is_bilinear(problem):
+            covers = COVERS - {"quadrilaterals"}
+            advice = ", or parallelograms and order=1"
+            require_covered(problem, what, covers, advice)
+
+
+def is_bilinear(problem: Problem) -> bool:
+    """Whether displacements on quadrilaterals are polynomials of degree two."""
+    return problem.order == 1 and are_parallelograms(problem.mesh)
 
 
 def varies_inside(

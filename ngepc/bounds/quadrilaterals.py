@@ -41,8 +41,6 @@ from ngepc.results.outcome import History, Status
 
 ITERATIONS = 20
 """Newton steps for the reference coordinates of the middle of a diagonal."""
-PARALLEL = 1e-12
-"""Defect of a parallelogram, relative to a diagonal, that counts as rounding."""
 CENTRE = 0.5
 """Both reference coordinates of the centre."""
 
@@ -100,19 +98,6 @@ def cut_into_triangles(mesh: Mesh) -> CutMesh:
     order = np.argsort(parent, kind="stable")
     made = with_triangles(mesh, nodes[order], parent[order])
     return CutMesh(made, parent[order], numbers, quadrilaterals, turned)
-
-
-def is_interpolated_exactly(problem: Problem) -> bool:
-    """Whether v is u_h: displacements of order one on parallelograms."""
-    if problem.order == 2:
-        return False
-    mesh = problem.mesh
-    pairs = elements_by_shape(mesh)
-    nodes = next(nodes for _, nodes in pairs if nodes.shape[1] == 4)
-    p = vertex_coordinates(mesh)[nodes]
-    diagonal = np.abs(p[:, 2] - p[:, 0]).max(axis=1)
-    defect = np.abs(p[:, 0] - p[:, 1] + p[:, 2] - p[:, 3]).max(axis=1)
-    return bool((defect <= PARALLEL * diagonal).all())
 
 
 def least_part(mesh: Mesh, nodes: np.ndarray) -> np.ndarray:

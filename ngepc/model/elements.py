@@ -40,6 +40,9 @@ SHAPES = {
 }
 """(dimension, number of vertices) -> type and the corners of its facets."""
 
+PARALLEL = 1e-12
+"""Defect of a parallelogram, relative to a diagonal, that counts as rounding."""
+
 TYPES = {(1, 2): ET.SEGM} | {key: shape for key, (shape, _) in SHAPES.items()}
 """(dimension, number of vertices) -> type."""
 
@@ -157,6 +160,15 @@ def outward_normal(mesh: Mesh) -> CoefficientFunction:
 def has_more_corners(mesh: Mesh) -> bool:
     """Whether an element has more corners than a triangle or a tetrahedron."""
     return bool((element_nodes(mesh)[:, mesh.dim + 1 : 2**mesh.dim] >= 0).any())
+
+
+def are_parallelograms(mesh: Mesh) -> bool:
+    """Whether all quadrilaterals of a plane mesh are parallelograms."""
+    nodes = element_nodes(mesh)[:, :4]
+    p = vertex_coordinates(mesh)[nodes[nodes[:, 3] >= 0]]
+    diagonal = np.abs(p[:, 2] - p[:, 0]).max(axis=1)
+    defect = np.abs(p[:, 0] - p[:, 1] + p[:, 2] - p[:, 3]).max(axis=1)
+    return bool((defect <= PARALLEL * diagonal).all())
 
 
 def is_straight(mesh: Mesh) -> bool:

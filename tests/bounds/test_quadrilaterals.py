@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import STEEL
-from netgen.meshing import Element1D, Element2D, FaceDescriptor, MeshPoint, Pnt
+from bodies import STEEL, distorted
+from netgen.meshing import Element1D, Element2D, FaceDescriptor
 from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import (
     CF,
@@ -25,9 +25,11 @@ from ngsolve import (
 )
 
 from ngepc import (
+    Hill,
     Material,
     MeanDisplacement,
     NewtonOptions,
+    Overlay,
     Problem,
     Voce,
     confidence,
@@ -51,35 +53,6 @@ from ngepc.geometries import block
 
 LOAD = {"right": (2.0, 1.5)}
 BOTH = pytest.mark.parametrize("order", [1, 2])
-
-
-def distorted(n, size=0.25, seed=1, mixed=False):
-    """A unit square of n x n convex quadrilaterals, some of them triangles if ``mixed``."""
-    regular = block.structured_mesh(n, n)
-    old = regular.ngmesh
-    random = np.random.default_rng(seed)
-    new = NetgenMesh(dim=2)
-    numbers = []
-    for point in old.Points():
-        place = np.array([point[0], point[1]])
-        inside = (place > 1e-9) & (place < 1 - 1e-9)
-        place += inside.all() * random.uniform(-size / n, size / n, 2)
-        numbers.append(new.Add(MeshPoint(Pnt(*place, 0))))
-    new.Add(FaceDescriptor(surfnr=1, domin=1, bc=1))
-    new.SetMaterial(1, "body")
-    for element in old.Elements2D():
-        corners = [numbers[vertex.nr - 1] for vertex in element.vertices]
-        if mixed and random.uniform() < 0.4:
-            new.Add(Element2D(1, [corners[k] for k in (0, 1, 2)]))
-            new.Add(Element2D(1, [corners[k] for k in (0, 2, 3)]))
-            continue
-        new.Add(Element2D(1, corners))
-    for element in old.Elements1D():
-        ends = [numbers[vertex.nr - 1] for vertex in element.vertices]
-        new.Add(Element1D(ends, index=element.index))
-    for number, name in enumerate(regular.GetBoundaries()):
-        new.SetBCName(number, name)
-    return Mesh(new)
 
 
 def plastic(mesh, order, **changes):
@@ -227,6 +200,16 @@ CASES = {
     },
     "two-dimensional": {"kinematics": "two-dimensional"},
 }
+ON_PARALLELOGRAMS = {
+    "plane stress": {"kinematics": "plane stress"},
+    "Hill": {"material": replace(STEEL, hill=Hill.r_values(1.8, 1.2, 2.3, angle=0.2))},
+    "sub-elements": {
+        "material": replace(
+            STEEL, hardening=0.0, overlay=Overlay([0.5, 0.3], [1.25, 2.5])
+        )
+    },
+}
+"""Covered on parallelograms of order one only."""
 
 
 @BOTH
@@ -245,6 +228,20 @@ def test_the_least_energy_is_enclosed(case, order):
         assert len(bound.per_cell) == mesh.ne
         assert bound.per_cell.min() > -2e-3 * bound.total
         assert bound.total < 2.5 * (bound.energy - lower)
+
+
+@pytest.mark.parametrize("case", ON_PARALLELOGRAMS)
+def test_other_laws_on_parallelograms(case):
+    problem = plastic(block.structured_mesh(4, 5), 1, **ON_PARALLELOGRAMS[case])
+    lower, upper = fine_interval(problem, 8)
+    bound = error_bound(semismooth_newton(problem))
+    assert bound.least_energy <= upper
+    assert lower <= bound.energy
+    assert bound.total < 1.6 * (bound.energy - lower)
+    for changes in ({"order": 2}, {"mesh": distorted(3)}):
+        result = semismooth_newton(replace(problem, **changes))
+        with pytest.raises(ValueError, match=r"quadrilaterals: .* or parallelograms"):
+            error_bound(result)
 
 
 @BOTH
@@ -343,9 +340,6 @@ def test_data_of_single_elements_are_carried():
 
 def test_what_is_not_covered_is_refused_by_name():
     mesh = distorted(3)
-    result = semismooth_newton(plastic(mesh, 1, kinematics="plane stress"))
-    with pytest.raises(ValueError, match="quadrilaterals: a bound in plane stress"):
-        error_bound(result)
     pull = GridFunction(H1(mesh, order=1))
     pull.Set(1.0)
     result = semismooth_newton(plastic(mesh, 1, traction={"right": (pull, 0.0)}))

@@ -25,6 +25,7 @@ from campaigns.proximal import ProximalSteps
 from campaigns.receipts import Receipts
 from campaigns.robustness import Robustness
 from campaigns.shakedown import Shakedowns
+from campaigns.squares import Squares
 from ngsolve import SetNumThreads
 
 
@@ -73,6 +74,9 @@ def arguments():
     )
     slopes.set_defaults(kind=Derivatives, options=("count",))
     slopes.add_argument("--count", type=int, default=Derivatives.count)
+    squares = campaigns.add_parser("squares", help="bounds on quadrilaterals")
+    squares.set_defaults(kind=Squares, options=("fine",))
+    squares.add_argument("--fine", type=int, default=Squares.fine)
     narrow = campaigns.add_parser(
         "hidden", help="bounds for data that quadrature misses"
     )
