@@ -38,6 +38,7 @@ SLOW = (
     "bounds/test_goals.py",
     "bounds/test_hidden.py",
     "bounds/test_laws.py",
+    "bounds/test_matching.py",
     "bounds/test_oscillation.py",
     "bounds/test_proved.py",
     "bounds/test_quadratic.py",

@@ -17,7 +17,14 @@ from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import COVERS as GOALS
 from ngepc.bounds.goal_bound import GoalBound, GoalProblem
 from ngepc.bounds.quadrilaterals import problem_on_simplices
-from ngepc.bounds.transfer import bisected_to, carried_state, check_carried, discrete_on
+from ngepc.bounds.transfer import (
+    bisected_to,
+    carried_state,
+    check_carried,
+    discrete_on,
+    on_mesh,
+    with_matching,
+)
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
@@ -195,7 +202,7 @@ def solve_to(
     require_instance("options", options, Refinement, "Refinement(...)")
     check_carried(problem)
     records: list[MeshRecord] = []
-    state = starting_state(DiscreteProblem(problem_on_simplices(problem)), None)
+    state = first_state(problem)
     small = 0.0
     pace = Pace()
     interval: GoalBound | None = None
@@ -215,7 +222,7 @@ def solve_to(
         part = planned_part(tolerance / here.relative_error, old.dim)
         pace = pace.after(here.relative_error, part)
         part = part / pace.slowness
-        mesh, parents = refined_mesh(old, estimate.per_cell, part, options)
+        mesh, parents = refined_mesh(result.problem, estimate.per_cell, part, options)
         if mesh.nv > options.max_nodes:
             message = (
                 f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
@@ -223,6 +230,15 @@ def solve_to(
             return replace(here, message=message)
         state = carried_state(result, discrete_on(result, mesh, parents), parents)
         small = SMALL_STEP * bound.total
+
+
+def first_state(problem: Problem) -> State:
+    """The state from which the first solve starts; meshes of two bodies are made to match."""
+    problem = problem_on_simplices(problem)
+    matching = with_matching(problem, None)
+    if matching is not None:
+        problem = on_mesh(problem, *matching)
+    return starting_state(DiscreteProblem(problem), None)
 
 
 def tolerance_of(
@@ -307,16 +323,21 @@ def next_mesh(
 
     ``left`` is the ratio of the tolerance to the present error.
     """
-    mesh = bound.problem.mesh
-    part = planned_part(left, mesh.dim)
-    return refined_mesh(mesh, bound.per_cell, part, options)
+    problem = bound.problem
+    part = planned_part(left, problem.N)
+    return refined_mesh(problem, bound.per_cell, part, options)
 
 
 def refined_mesh(
-    mesh: Mesh, per_cell: np.ndarray, part: float, options: Refinement
+    problem: Problem, per_cell: np.ndarray, part: float, options: Refinement
 ) -> tuple[Mesh, np.ndarray]:
-    """The mesh bisected until this part of the indicators should remain, and the parents."""
-    return bisected_to(mesh, np.maximum(per_cell, 0.0), options.marking, part)
+    """The mesh bisected until this part of the indicators should remain, and the parents.
+
+    It matches where two bodies meet.
+    """
+    indicators = np.maximum(per_cell, 0.0)
+    finer = bisected_to(problem.mesh, indicators, options.marking, part)
+    return with_matching(problem, finer)
 
 
 class Tools(NamedTuple):

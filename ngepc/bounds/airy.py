@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import eigh
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.element import LEGS, NORMALS, PAIRS, airy_stresses
 from ngepc.bounds.polynomials import AT_NODES, RULE, SIX, WEIGHTS, portions
-from ngepc.bounds.simplices import sliced
+from ngepc.bounds.simplices import Simplices, sliced
 
 # entries of a symmetric matrix that are kept
 FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
@@ -68,6 +70,16 @@ CORNER_ROWS = (_FIRST + np.repeat(np.arange(3), 3)).ravel()
 CORNER_COLUMNS = (_SECOND + np.tile(np.arange(3), 3)).ravel()
 
 
+def bodies_of(cells: Simplices) -> list[np.ndarray]:
+    """The vertices of each connected part of a triangulation."""
+    count = len(cells.points)
+    start, end = cells.facets.T
+    sides = csr_matrix((np.ones(len(start)), (start, end)), shape=(count, count))
+    number = connected_components(sides, directed=False)[1]
+    order = np.argsort(number, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
+
+
 class AirySpace:
     """The Airy functions of a triangulation.
 
@@ -90,6 +102,7 @@ class AirySpace:
         ne = len(c.facets)
         corners = (3 * c.nodes[:, :, None] + np.arange(3)).reshape(-1, 9)
         unknowns = [corners, self.vertices + c.facet_of]
+        self._bodies = bodies_of(c)
         held, bend, even = self._held()
         free = [~held, bend]
         if degree == 4:
@@ -121,8 +134,9 @@ class AirySpace:
         vertex[c.facets[self._affine].ravel(), 0] = True
         for k, edges in enumerate(self._constant):  # of dPhi/dx_(1 - k)
             vertex[c.facets[edges].ravel(), 2 - k] = True
-        # what no stress sees
-        vertex[vertex.sum(axis=1).argmax()] |= ~vertex.any(axis=0)
+        for body in self._bodies:  # what no stress sees
+            most = body[vertex[body].sum(axis=1).argmax()]
+            vertex[most] |= ~vertex[body].any(axis=0)
         return vertex.ravel(), ~(closed | across), ~self._affine
 
     def modes(self) -> np.ndarray:
@@ -132,9 +146,12 @@ class AirySpace:
         held = np.flatnonzero(~free)
         length = c.measure.mean()
         count = ~free.reshape(-1, 3) * (~free.reshape(-1, 3)).sum(axis=1, keepdims=True)
-        pinned = 3 * count.argmax(axis=0) + np.arange(3)  # what no stress sees
-        rows = [np.zeros((3, self.vertices))]
-        rows[0][np.arange(3), pinned] = 1.0
+        rows = []
+        for body in self._bodies:  # what no stress sees
+            pinned = 3 * body[count[body].argmax(axis=0)] + np.arange(3)
+            row = np.zeros((3, self.vertices))
+            row[np.arange(3), pinned] = 1.0
+            rows.append(row)
         for k, edges in enumerate(self._constant):
             row = np.zeros((edges.sum(), self.vertices))
             for end, sign in zip(c.facets[edges].T, (-1.0, 1.0), strict=True):

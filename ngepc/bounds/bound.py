@@ -31,6 +31,7 @@ from ngepc.bounds.data import (
     spring_energy,
     strain_coordinates,
 )
+from ngepc.bounds.held import holding_pressure
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.quadrilaterals import (
     cut_into_triangles,
@@ -222,7 +223,8 @@ def error_bound(result: object) -> ErrorBound:
         check_free_of_functions(problem)
         return bound_on_triangles(with_state(result))
     if not isinstance(result, ExactResult):
-        data_on(DiscreteProblem(problem))  # refuses boundary data
+        if not problem.contact_pairs:
+            data_on(DiscreteProblem(problem))  # refuses boundary data
         result = with_state(result)
     bound = bound_on_copy(result)
     return bound or bound_of(data_on(result.discrete), result.state)
@@ -276,24 +278,26 @@ def bound_on_triangles(result: ExactResult) -> ErrorBound:
 def bound_on_copy(result: ExactResult) -> ErrorBound | None:
     """The bound with a stress on a bisected copy of the mesh.
 
-    None where no element stands out, and where the displacement penetrates the obstacle.
+    None where no element stands out, and where the displacement penetrates the obstacle.  For two
+    bodies the copy matches where they meet, and the displacement is always changed on the copy.
     """
     found = state_on_copy(result)
     if found is None:
         return None
-    state, parents = found
-    bound_data = data_on(state.discrete)
-    state, moved = feasible_state(bound_data, state)
-    if moved > state.touching_distance:
+    carried, parents = found
+    pairs = result.problem.contact_pairs
+    bound_data = data_on(carried.discrete)
+    state, moved = feasible_state(bound_data, carried)
+    if moved > state.touching_distance and not pairs:
         return None
     tangent = Factors(state.discrete, "sparsecholesky")
     factorise(state, tangent)
     own = result.state.with_radial_return()
-    if result.problem.order == 1:
+    if result.problem.order == 1 and not pairs:
         balanced = balanced_by_copy(own, discrete_forces(own), state, tangent, parents)
     else:
         balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
-    algebraic = algebraic_gap(own, *balanced)
+    algebraic = algebraic_gap(own, *balanced) + max(state.energy - carried.energy, 0.0)
     P = pressure_on_copy(result, bound_data.contact, parents)
     bound, _ = best_bound(bound_data, (state, moved, algebraic), tangent, P)
     cells = result.problem.mesh.ne
@@ -364,6 +368,7 @@ def best_bound(
     contact = bound_data.contact
     if pressure is None:
         pressure = contact.pressure(state.multipliers)
+    pressure = holding_pressure(bound_data, state, pressure)
     z, at_points, P, search, w = bound_data.best_stress(state, tangent, pressure)
     gaps = bound_data.at_nodes.integrals(
         z, bound_data.cells.volume, bound_data.gaps(state, at_points)

@@ -8,6 +8,7 @@ import numpy as np
 from ngsolve import BND, CF, Mesh
 
 from ngepc.bounds.coverage import CONSTANT, FACET_RULES, edge_functions
+from ngepc.bounds.matching import Interface
 from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import Coefficient
 from ngepc.checks.sentences import in_words
@@ -95,6 +96,9 @@ class Boundary(OuterFacets):
     functions, of the edges opposite to the vertices.  ``elastic`` are the numbers of the facets
     with springs, ``stiffness`` (elastic facets, N, N) their matrices K: the traction is -K u.
 
+    The first facets of pairs of bodies are the last contact facets.  The facets that they face have
+    the vertices ``opposite`` (pairs, N), each facing the vertex of the first facet in its place.
+
     ValueError for friction or displacements that are not affine on facets (displacements at the
     start of the step: quadratic for order two in the plane), for springs that are not constant
     there, and for boundaries inside the body.
@@ -110,6 +114,7 @@ class Boundary(OuterFacets):
         self._read_tractions()
         self._read_springs()
         self._read_contact()
+        self._read_pairs()
 
     def contact_of(self, names: Sequence[str]) -> np.ndarray:
         """The contact facets on some boundaries, as booleans."""
@@ -219,6 +224,22 @@ class Boundary(OuterFacets):
                 f"{name} is not quadratic on the boundary elements, as bounds of order 2 "
                 "need it"
             )
+
+    def _read_pairs(self) -> None:
+        c = self.cells
+        none = np.zeros((0, c.N), dtype=int)
+        self.opposite = none
+        for pair in self.problem.contact_pairs:
+            found = Interface(c, pair).facing()
+            order = np.argsort(found.first, axis=1)
+            second = np.take_along_axis(found.second, order, axis=1)
+            gap = np.take_along_axis(found.gap, order, axis=1)
+            facets = c.facets_between(found.first)
+            self.contact = np.append(self.contact, facets)
+            self.opposite = np.concatenate([self.opposite, second])
+            self.gap = np.concatenate([self.gap, gap])
+            self.excess = np.concatenate([self.excess, np.zeros(gap.shape)])
+            self.friction = np.concatenate([self.friction, np.zeros(gap.shape)])
 
 
 def hidden_traction(

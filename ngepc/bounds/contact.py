@@ -74,6 +74,10 @@ class ContactFacets:
     ``row_of`` (facets, N) is the contact row of each vertex, -1 where a support holds it; if a
     vertex has several rows, the one whose normal is nearest to that of the facet.  ``normal``,
     ``measure`` and ``owner`` belong to the facets.
+
+    The last facets are ``paired`` with facets of another body: ``opposite`` (pairs, .) are the
+    nodes that ``nodes`` face, and ``slots`` (pairs, N) the places of those vertices among the
+    moments of all facets.
     """
 
     def __init__(self, discrete: DiscreteProblem, boundary: Boundary) -> None:
@@ -87,6 +91,11 @@ class ContactFacets:
         self.measure = c.measure[on]
         self.owner = c.owners[on, 0]
         self.nodes = nodes_of_facets(discrete, c, c.facets[on])
+        self.opposite = nodes_of_facets(discrete, c, boundary.opposite)
+        self.paired = slice(len(on) - len(self.opposite), None)
+        facing = c.facets_between(boundary.opposite)
+        order = boundary.opposite[:, :, None] > boundary.opposite[:, None]
+        self.slots = self.N * facing[:, None] + order.sum(axis=2)
         self._hats = (1 + np.eye(self.N)) / (self.N * (self.N + 1))
         if self.problem.order == 2:
             bubbles = {2: np.full((2, 1), 1 / 12), 3: 1 / 30 - np.eye(3) / 60}[self.N]
@@ -111,9 +120,15 @@ class ContactFacets:
         """Moments of affine functions, given at vertices (facets, N, .), at ``nodes``."""
         return self.measure[:, None, None] * np.matmul(self._hats.T, values)
 
+    def along(self, u: np.ndarray) -> np.ndarray:
+        """u . n at ``nodes``, in pairs less that of the other body, (facets, nodes)."""
+        jump = u[self.nodes]
+        jump[self.paired] -= u[self.opposite]
+        return np.einsum("eac,ec->ea", jump, self.normal)
+
     def slack(self, u: np.ndarray) -> np.ndarray:
         """The slack psi - u . n at ``nodes``, shape (facets, nodes)."""
-        slack = -np.einsum("eac,ec->ea", u[self.nodes], self.normal)
+        slack = -self.along(u)
         gap = self.boundary.gap
         slack[:, : gap.shape[1]] += gap
         return slack
@@ -142,7 +157,7 @@ class ContactFacets:
             if not stuck:
                 break
             for end in range(self.N):
-                self._lower(u, self.nodes[:, end], -self.slack(u)[:, end], 1.0)
+                self._lower(u, end, -self.slack(u)[:, end], 1.0)
         if self.problem.order == 2 and not stuck:
             stuck = self._edges_cleared(u)
         if stuck:
@@ -166,7 +181,7 @@ class ContactFacets:
                 if self.N == 2:
                     lowest = -np.sqrt(np.maximum(slack[:, i] * slack[:, j], 0.0))
                 excess = 2 * (lowest - self.edge_coefficients(slack)[:, k])
-                if self._lower(u, self.nodes[:, self.N + k], excess, BUBBLE):
+                if self._lower(u, self.N + k, excess, BUBBLE):
                     return True
                 most = max(most, excess.max(initial=0.0))
             if most <= rounding:
@@ -174,20 +189,33 @@ class ContactFacets:
         return True
 
     def _lower(
-        self, u: np.ndarray, nodes: np.ndarray, excess: np.ndarray, value: float
+        self, u: np.ndarray, column: int, excess: np.ndarray, value: float
     ) -> bool:
         """Lower u . n by a positive excess (facets,); True if supports prevent that somewhere.
 
-        A unit change of the unknowns of ``nodes`` (facets,) changes u . n by ``value``.  At a node
-        of several facets the largest excess is taken, so that the gap of each facet is kept.
+        A unit change of the unknowns of a column of ``nodes`` changes u . n by ``value``.  At a
+        node of several facets the largest excess is taken, so that the gap of each facet is kept.
+        Of two bodies both move, if supports allow that.
         """
-        n = np.where(self.discrete.supports.free[nodes], self.normal, 0.0)
+        free = self.discrete.supports.free
+        nodes = self.nodes[:, column]
+        n = np.where(free[nodes], self.normal, 0.0)
         square = np.einsum("ec,ec->e", n, n)
+        other = np.zeros_like(n)
+        facing = self.opposite[:, column]
+        other[self.paired] = np.where(free[facing], self.normal[self.paired], 0.0)
+        square += np.einsum("ec,ec->e", other, other)
         deep = np.flatnonzero((excess > 0) & (square > LEVEL))
         forbidden = np.count_nonzero(excess > 0) > len(deep)
         deep = deep[np.argsort(excess[deep], kind="stable")]
-        moves = n[deep] * (excess[deep] / square[deep] / value)[:, None]
-        u[nodes[deep]] = u[nodes[deep]] - moves  # the last of equal nodes is kept
+        length = (excess[deep] / square[deep] / value)[:, None]
+        moved = u[nodes[deep]] - length * n[deep]
+        u[nodes[deep]] = moved  # the last of equal nodes is kept
+        first = len(self.nodes) - len(facing)
+        length = length[deep >= first]
+        deep = deep[deep >= first]
+        moved = u[facing[deep - first]] + length * other[deep]
+        u[facing[deep - first]] = moved
         return forbidden
 
     def pressure(self, multipliers: np.ndarray) -> np.ndarray:
@@ -309,6 +337,20 @@ class ContactFacets:
     def pushed(self, state: State, P: np.ndarray) -> np.ndarray:
         """Forces of the body on the obstacle at ``nodes``, shape (facets, nodes, N)."""
         return self.moments(P[:, :, None] * self.normal[:, None] + self.friction(state))
+
+    def subtract(
+        self, pushed: np.ndarray, moments: np.ndarray, forces: np.ndarray
+    ) -> None:
+        """Subtract ``pushed`` from facet moments (nf, N, N) and nodal forces (nodes, N).
+
+        The other bodies of pairs are pushed the other way.
+        """
+        N = self.N
+        np.subtract.at(moments, self.boundary.contact, pushed[:, :N])
+        np.subtract.at(forces, self.nodes, pushed)
+        back = pushed[self.paired]
+        np.add.at(moments.reshape(-1, N), self.slots, back[:, :N])
+        np.add.at(forces, self.opposite, back)
 
     def opening(self, u: np.ndarray, P: np.ndarray) -> np.ndarray:
         """The integral of P (psi - u . n) over each facet for vertex values P (facets, N)."""

@@ -16,10 +16,12 @@ from ngepc.bounds.data import spring_energy, stress_change, stress_coordinates
 from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.transfer import (
     carried_state,
+    check_carried,
     copied,
     discrete_on,
     not_carried,
     parents_in,
+    with_matching,
 )
 from ngepc.discretisation.factors import Factors
 from ngepc.local.indicators import COVERS as ESTIMATED
@@ -39,13 +41,16 @@ def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
     """The state of a result on a bisected copy of its mesh, and the parents of the elements.
 
     None where no element stands out, in three dimensions, where data belong to the mesh, and where
-    there are no indicators.
+    there are no indicators.  For two bodies the copy matches where they meet.
     """
     problem = result.problem
     if problem.N == 3 or not is_covered(problem, ESTIMATED) or not_carried(problem):
+        if problem.contact_pairs:
+            check_carried(problem)
         return None
     indicators = error_indicators(result).vec.FV().NumPy()
     found = bisected_where_outstanding(problem.mesh, indicators)
+    found = with_matching(problem, found)
     if found is None:
         return None
     mesh, parents = found
@@ -62,7 +67,7 @@ def pressure_on_copy(
     forces of the state on the copy have the same pressure.
     """
     problem = result.problem
-    if problem.order == 1 or not problem.contact_names:
+    if problem.order == 1 or problem.contact_pairs or not problem.contact_names:
         return None
     cells = Simplices.of(problem.mesh)
     old = ContactFacets(result.discrete, Boundary(problem, cells))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule, Mesh
 
+from ngepc.bounds.matching import check_interfaces
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.sampling import Scan
 from ngepc.model.elements import (
     SHAPES,
@@ -26,8 +28,15 @@ COVERS = (
     | HISTORY_FEATURES
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
     | {"anisotropic yield", "cyclic hardening", "quadrilaterals", "springs"}
+    | {"two bodies", "held by contact"}
 )
-"""Features that guaranteed bounds cover; friction in three dimensions with order 1 only."""
+"""Features that guaranteed bounds cover.
+
+Friction in three dimensions with order 1 only; two bodies and parts that contact alone holds in the
+plane and without friction."""
+
+HELD = frozenset({"two bodies", "held by contact"})
+"""Features that bounds cover in the plane without friction."""
 
 ON_PARALLELOGRAMS = {
     "plane stress": "a bound in plane stress",
@@ -190,6 +199,13 @@ def check_features(problem: Problem) -> None:
     if problem.N == 3 and problem.order == 2:
         covers = COVERS - {"friction"}
         require_covered(problem, "a bound of order 2 in three dimensions", covers)
+    if problem.N == 3:
+        require_covered(problem, "a bound in three dimensions", COVERS - HELD)
+    if problem.friction is not None:
+        require_covered(problem, "a bound with friction", COVERS - HELD)
+    if FEATURES["quadrilaterals"].found(problem):
+        require_covered(problem, "a bound on quadrilaterals", COVERS - HELD)
+    check_pairs(problem)
     for feature, what in ON_PARALLELOGRAMS.items():
         if FEATURES[feature].found(problem) and not is_bilinear(problem):
             covers = COVERS - {"quadrilaterals"}
@@ -200,6 +216,16 @@ def check_features(problem: Problem) -> None:
 def is_bilinear(problem: Problem) -> bool:
     """Whether displacements on quadrilaterals are polynomials of degree two."""
     return problem.order == 1 and are_parallelograms(problem.mesh)
+
+
+def check_pairs(problem: Problem) -> None:
+    """Refuse tied bodies, and pairs whose first boundary is not straight."""
+    for pair in problem.contact_pairs:
+        if pair.tied:
+            raise ValueError(
+                f"contact={in_words(pair)}: a bound needs bodies that are not tied"
+            )
+    check_interfaces(problem.mesh, problem.contact_pairs)
 
 
 def varies_inside(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse.linalg import LinearOperator, cg
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.conjugate import R6
@@ -30,6 +31,8 @@ from ngepc.local.system import DiscreteProblem, State
 # tolerance of equilibrium relative to the largest nodal force, and the most corrections
 BALANCED = 1e-12
 PASSES = 2
+FLOATING_STEPS = 50
+"""Most steps of conjugate gradients where parts float."""
 UNSTRAINED = 1e-8
 """Strain whose forces are the smallest scale for residuals of equilibrium."""
 
@@ -190,9 +193,7 @@ class BoundData:
         carried = c.at_nodes(self.carried.nodal, c.nodes)
         carried += c.at_nodes(moments[outer], c.facets[outer])
         forces[: len(carried)] = carried
-        pushed = contact.pushed(state, P)
-        moments[self.boundary.contact] -= pushed[:, : c.N]
-        np.subtract.at(forces, contact.nodes, pushed)
+        contact.subtract(contact.pushed(state, P), moments, forces)
         return moments, forces
 
     def boundary_gaps(
@@ -251,19 +252,56 @@ def balanced_stress(
     springs at the displacement of the state plus the second result carry the forces.
     """
     discrete = state.discrete
+    floating = discrete.floating
     moved = np.zeros_like(state.u)
     z = stress_coordinates(*discrete.law.stress(state.at))
     forces = state.internal_forces
     for _ in range(PASSES):
         missing = np.where(discrete.free, load - forces, 0)
-        if np.abs(missing).max() <= BALANCED * np.abs(forces).max():
+        allowed = BALANCED * np.abs(forces).max()
+        if np.abs(missing).max() <= allowed:
             break
         factorise(state, tangent)
-        change = tangent.solve(missing)
+        if floating.centres:
+            change = without_weak_springs(discrete, tangent, missing, allowed)
+        else:
+            change = tangent.solve(missing)
         moved = moved + change
         z = z + stress_change(discrete, tangent, change)
-        forces = forces + tangent.multiply(change)
+        forces = forces + tangent.multiply(change) - floating.springs * change
     return z, moved
+
+
+def without_weak_springs(
+    discrete: DiscreteProblem, tangent: Factors, forces: np.ndarray, allowed: float
+) -> np.ndarray:
+    """Displacements that answer nodal forces (nodes, N), in balance on floating parts.
+
+    The weak springs that the tangent has on these parts are left out, by conjugate gradients.  They
+    stop at an ``allowed`` residual (force): beyond it rounding errors move the parts.
+    """
+    free = discrete.free
+    springs = discrete.floating.springs
+
+    def stiffness(u: np.ndarray) -> np.ndarray:
+        """The tangent without the springs times displacements, both flat."""
+        u = u.reshape(free.shape)
+        return np.where(free, tangent.multiply(u) - springs * u, 0.0).ravel()
+
+    def preconditioned(r: np.ndarray) -> np.ndarray:
+        """The answer of the tangent with springs, both flat."""
+        return tangent.solve(r.reshape(free.shape)).ravel()
+
+    shape = 2 * (free.size,)
+    found, _ = cg(
+        LinearOperator(shape, matvec=stiffness),
+        forces.ravel(),
+        rtol=0.0,
+        atol=allowed,
+        maxiter=FLOATING_STEPS,
+        M=LinearOperator(shape, matvec=preconditioned),
+    )
+    return found.reshape(free.shape)
 
 
 def spring_energy(discrete: DiscreteProblem, u: np.ndarray) -> float:

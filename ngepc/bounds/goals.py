@@ -36,6 +36,7 @@ from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 
 COVERS = BOUNDED - {"anisotropic yield", "cyclic hardening"}
+COVERS -= {"two bodies", "held by contact"}
 """Features that brackets cover."""
 
 PASSES = 3  # largest number of lengths that are tried on each side

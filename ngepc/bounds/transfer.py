@@ -15,6 +15,7 @@ from ngsolve import CF, L2, CoefficientFunction, GridFunction, Integrate, Mesh, 
 
 from ngepc.bounds.contact import BUBBLE, EDGES
 from ngepc.bounds.coverage import check_covered, varies_inside
+from ngepc.bounds.matching import matched
 from ngepc.bounds.simplices import marked
 from ngepc.discretisation.body import Floating
 from ngepc.discretisation.loads import displacement_space, nodal
@@ -92,6 +93,23 @@ def bisected_to(
         finer.Refine()
         sums = density[parents_in(number)] * scale()
     return finer, parents_in(number)
+
+
+def with_matching(
+    problem: Problem, copy: tuple[Mesh, np.ndarray] | None
+) -> tuple[Mesh, np.ndarray] | None:
+    """A copy of the mesh of a problem, and its parents, that matches where two bodies meet.
+
+    ``copy`` is one with other changes, None without; None if the mesh itself is to be used.
+    """
+    if not problem.contact_pairs:
+        return copy
+    mesh = problem.mesh if copy is None else copy[0]
+    found = matched(mesh, problem.contact_pairs)
+    if found is None or copy is None:
+        return copy if found is None else found
+    finer, parents = found
+    return finer, copy[1][parents]
 
 
 def check_carried(problem: Problem) -> None:

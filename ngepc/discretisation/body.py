@@ -303,6 +303,7 @@ class Floating:
     """The rigid motions of a body that only contact can hold."""
 
     centres: list[np.ndarray]  # of the parts
+    motions: np.ndarray  # shape (nodes, N, motions); values at edges are zero
     springs: np.ndarray
     """Weak springs of the tangent, shape (nodes, N), zero if no part floats: they resist the change
     of a Newton step, not the displacement, and the convergence factor is about SOFT."""
@@ -314,12 +315,12 @@ class Floating:
         found = [] if fixed else floating_motions(body.problem)
         x = vertex_coordinates(body.problem.mesh)
         self.centres = [x[vertices].mean(axis=0) for _, vertices in found]
-        self._motions = np.zeros((*body.load.shape, sum(m.shape[2] for m, _ in found)))
+        self.motions = np.zeros((*body.load.shape, sum(m.shape[2] for m, _ in found)))
         if found:
-            self._motions[: len(x)] = np.concatenate(
+            self.motions[: len(x)] = np.concatenate(
                 [motions for motions, _ in found], axis=2
             )
-        self._on_rows = body.contact.matrix @ self._motions.reshape(body.load.size, -1)
+        self._on_rows = body.contact.matrix @ self.motions.reshape(body.load.size, -1)
         soft = SOFT[body.contact.friction.d > 0] if found else 0.0
         self.springs = soft / len(body.load) * body.stiffness_diagonal
 
@@ -334,7 +335,7 @@ class Floating:
     def compliance(self) -> np.ndarray:
         """C with C C' = R Z (Z' K Z)^-1 Z' R', the compliance of the rows by these springs K."""
         stiffness = np.einsum(
-            "nia,ni,nib->ab", self._motions, self.springs, self._motions
+            "nia,ni,nib->ab", self.motions, self.springs, self.motions
         )
         return np.linalg.solve(np.linalg.cholesky(stiffness), self._on_rows.T).T
 
@@ -361,7 +362,7 @@ class Floating:
         least = np.append(np.where(tied, -np.inf, 0.0), -most[m:])
         ranges = [*zip(least, most, strict=True), *[(0, None)] * (2 * k)]
         work = np.hstack([self._on_rows.T, np.eye(k), -np.eye(k)])
-        wanted = np.einsum("ni,nik->k", self._load, self._motions) / size
+        wanted = np.einsum("ni,nik->k", self._load, self.motions) / size
         cost = np.concatenate([np.zeros(n), np.ones(2 * k)])
 
         # Coulomb's law, component by component: -mu n <= t <= mu n.

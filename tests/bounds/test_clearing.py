@@ -11,18 +11,24 @@ NODES = np.array([0, 0, 1, 0, 2, 2])
 EXCESS = np.array([0.3, 1.0, -0.2, 0.7, 0.5, 0.1])
 
 
-def facets(normal, free=None):
-    """What ``_lower`` needs of contact facets with these normals."""
+def facets(normal, nodes, free=None, opposite=()):
+    """What ``_lower`` needs of contact facets with these normals; the last face ``opposite``."""
     free = np.ones((3, 3), dtype=bool) if free is None else free
-    supports = SimpleNamespace(free=free)
-    return SimpleNamespace(discrete=SimpleNamespace(supports=supports), normal=normal)
+    opposite = np.array(opposite, dtype=int).reshape(-1, 1)
+    return SimpleNamespace(
+        discrete=SimpleNamespace(supports=SimpleNamespace(free=free)),
+        normal=normal,
+        nodes=nodes[:, None],
+        opposite=opposite,
+        paired=slice(len(nodes) - len(opposite), None),
+    )
 
 
 def lowered(normal, order, free=None):
     """A displacement after one pass over facets in some order, and whether it is stuck."""
     u = np.zeros((3, 3))
-    contact = facets(normal[order], free)
-    stuck = ContactFacets._lower(contact, u, NODES[order], EXCESS[order], 1.0)
+    contact = facets(normal[order], NODES[order], free)
+    stuck = ContactFacets._lower(contact, u, 0, EXCESS[order], 1.0)
     return u, stuck
 
 
@@ -56,3 +62,18 @@ def test_supports_that_hold_a_node_are_told():
     free = np.ones((3, 3), dtype=bool)
     free[0, 2] = False
     assert lowered(normal, np.arange(6), free)[1]
+
+
+@pytest.mark.parametrize("held", [None, 0, 2])
+def test_two_bodies_share_the_way(held):
+    """Both nodes of a pair move half of the way, or one all of it; an obstacle does not move."""
+    normal = np.tile([0.0, 0.0, 1.0], (2, 1))
+    free = np.ones((3, 3), dtype=bool)
+    if held is not None:
+        free[held, 2] = False
+    u = np.zeros((3, 3))
+    contact = facets(normal, np.array([1, 0]), free, opposite=[2])
+    assert not ContactFacets._lower(contact, u, 0, np.array([0.4, 0.6]), 1.0)
+    moved = {None: (-0.3, 0.3), 0: (0.0, 0.6), 2: (-0.6, 0.0)}[held]
+    assert u[:, 2] == pytest.approx([moved[0], -0.4, moved[1]])
+    assert (u[:, :2] == 0).all()

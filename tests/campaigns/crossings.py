@@ -11,6 +11,7 @@ from itertools import islice
 import numpy as np
 from bodies import in_quadrilaterals
 from campaigns.random_problems import BODIES, Draw, build, draws
+from campaigns.two_bodies import two_blocks
 from ngsolve import CF, cos, sin, x, y
 
 from ngepc import semismooth_newton
@@ -37,9 +38,11 @@ WIDER = (
     "plane stress, order 2",
     "quadrilaterals",
     "quadrilaterals, order 2",
+    "two bodies",
+    "two bodies, order 2",
 )
-"""More kinds, with elastic foundations, in plane stress, or with each triangle cut into three
-quadrilaterals: ``--rows "springs,plane stress"``."""
+"""More kinds, with elastic foundations, in plane stress, with each triangle cut into three
+quadrilaterals, or of two bodies: ``--rows "springs,plane stress"``."""
 
 BISECTIONS = dict.fromkeys(
     ["solid", "springs, solid", "quadrilaterals", "quadrilaterals, order 2"], 1
@@ -90,6 +93,8 @@ class Crossing:
 
 def problem_of(draw, kind):
     """The problem of a draw with the feature of its kind."""
+    if kind.startswith("two bodies"):
+        return two_blocks(draw, 2 if kind.endswith("order 2") else 1)
     rough = kind.startswith("friction")
     if rough:  # the pressure exceeds the load, so that most rows stick
         push = max(draw.gap_size, 2.0)
