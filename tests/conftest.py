@@ -43,6 +43,7 @@ SLOW = (
     "bounds/test_proved.py",
     "bounds/test_quadratic.py",
     "bounds/test_random.py",
+    "bounds/test_rates.py",
     "bounds/test_receipt.py",
     "bounds/test_solid.py",
     "bounds/test_supremum_of_laws.py",

@@ -28,7 +28,7 @@ COVERS = (
     | HISTORY_FEATURES
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
     | {"anisotropic yield", "cyclic hardening", "quadrilaterals", "springs"}
-    | {"two bodies", "held by contact"}
+    | {"rate", "two bodies", "held by contact"}
 )
 """Features that guaranteed bounds cover.
 
@@ -172,6 +172,9 @@ def check_covered(problem: Problem) -> None:
         coefficients["initial_accumulated"] = problem.initial_accumulated
         data = enumerate(material.law.data)
         coefficients |= {f"material.law (datum {k})": value for k, value in data}
+    if material.rate is not None:
+        data = enumerate(material.rate.data)
+        coefficients |= {f"material.rate (datum {k})": value for k, value in data}
     if material.hill is not None:
         coefficients |= {f"hill.{k}": value for k, value in vars(material.hill).items()}
     if is_vector(problem.initial_hardening):

@@ -40,7 +40,7 @@ from ngepc.results.files import check_writable
 
 COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
 COVERS -= {"anisotropic yield", "cyclic hardening", "springs"}
-COVERS -= {"two bodies", "held by contact"}
+COVERS -= {"rate", "two bodies", "held by contact"}
 """Features that receipts cover."""
 
 RESOLVED = 0.02

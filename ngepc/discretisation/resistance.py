@@ -145,15 +145,21 @@ class Resistance:
         self, fewest: np.ndarray, most: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of beta' between two g from below and above (stress), shapes (points,)."""
-        if self.isotropic is None:
-            linear = self.linear + np.zeros_like(fewest)
-            return linear, linear
-        first = self.accumulated + PEEQ * fewest
-        last = self.accumulated + PEEQ * most
-        least, largest = self.isotropic.slopes(first, last)
-        zero = np.zeros_like(first)
-        more = self.linear + zero
-        return more + PEEQ**2 * least, more + PEEQ**2 * largest
+        zero = np.zeros_like(fewest)
+        least = self.linear + zero
+        largest = self.linear + zero
+        if self.isotropic is not None:
+            first = self.accumulated + PEEQ * fewest
+            last = self.accumulated + PEEQ * most
+            slowest, fastest = self.isotropic.slopes(first, last)
+            least = least + PEEQ**2 * slowest
+            largest = largest + PEEQ**2 * fastest
+        if self.rate is not None:
+            each = PEEQ / self.duration
+            slowest, fastest = self.rate.slopes(each * fewest, each * most)
+            least = least + PEEQ * each * slowest
+            largest = largest + PEEQ * each * fastest
+        return least, largest
 
     def _start(self, over: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Where Newton's method for ``gained_at`` begins (points,).

@@ -122,6 +122,7 @@ def _given(problem: Problem) -> dict[str, object]:
         "initial_displacement": problem.initial_displacement,
         "initial_strain": problem.initial_strain,
         "material.law": [] if material.law is None else material.law.data,
+        "material.rate": [] if material.rate is None else material.rate.data,
         "prescribed": [value for *_, value in problem.held],
     }
 

@@ -91,6 +91,10 @@ class Norton(RateLaw):
         x = _at_least(x, SLOWEST)
         return self.overstress / self.exponent * x ** (1 / self.exponent - 1)
 
+    def slopes(self, first: Value, last: Value) -> tuple[Value, Value]:
+        """See ``RateLaw``: the slope falls."""
+        return self.slope(last), self.slope(first)
+
 
 def check_rate(law: RateLaw, mesh: Mesh) -> None:
     """Accept an overstress that is finite, 0 at rest and not decreasing."""

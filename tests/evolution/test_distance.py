@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ngepc import Material, Problem, evolve, load_cycle
+from ngepc import Material, Norton, Problem, evolve, load_cycle
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.geometries import block
 
@@ -13,6 +13,7 @@ MATERIALS = {
     "isotropic": Material(
         **ELASTIC, hardening=0.0, hardening_modulus=2.0, hardening_stiffness=1.0
     ),
+    "rate": Material(**ELASTIC, hardening=1e2, rate=Norton(20.0, 3.0)),
 }
 CYCLE = [0.7, 1.0, 0.0, -1.0]
 
