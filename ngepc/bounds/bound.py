@@ -250,33 +250,43 @@ def solved_problem(result: object) -> Problem:
 def bound_on_triangles(result: ExactResult) -> ErrorBound:
     """The bound of a result on quadrilaterals, by a displacement v on triangles.
 
-    The stress is one on the triangles.  Where v is not the displacement u of the result, an upper
-    bound of J(u) - J(v) is added.
+    The stress is one on the triangles, or on a bisected copy of them.  Where v is not the
+    displacement u of the result, an upper bound of J(u) - J(v) is added.
     """
-    cut_mesh = cut_into_triangles(result.problem.mesh)
+    problem = result.problem
+    cut_mesh = cut_into_triangles(problem.mesh)
     made = triangulated(result, cut_mesh)
-    bound_data = data_on(made.discrete)
-    state, moved = feasible_state(bound_data, made.state)
+    found = clear_copy(made)
+    if found is None:
+        bound_data = data_on(made.discrete)
+        state, moved = feasible_state(bound_data, made.state)
+        parents = cut_mesh.parents
+        P = None
+    else:
+        bound_data, state, moved, triangles = found
+        parents = cut_mesh.parents[triangles]
+        P = pressure_on_copy(made, bound_data.contact, triangles)
     own = result.state.with_radial_return()
     balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
     algebraic = algebraic_gap(own, *balanced)
-    algebraic += max(state.energy - made.state.energy, 0.0)
+    algebraic += max(state.energy - made.state.energy, 0.0) if found is None else 0.0
     tangent = Factors(bound_data.discrete, "sparsecholesky")
-    bound, _ = best_bound(bound_data, (state, moved, algebraic), tangent, None)
-    cells = result.problem.mesh.ne
-    per_cell = np.bincount(cut_mesh.parents, bound.per_cell, minlength=cells)
-    bound = replace(bound, per_cell=per_cell, given=result.problem)
-    if is_bilinear(result.problem) or moved > state.touching_distance:
+    bound, _ = best_bound(bound_data, (state, moved, algebraic), tangent, P)
+    per_cell = np.bincount(parents, bound.per_cell, minlength=problem.mesh.ne)
+    bound = replace(bound, per_cell=per_cell, given=problem)
+    if is_bilinear(problem) or moved > state.touching_distance:
         return bound
     phi = bound_data.phi(state)
-    change = changes(result.state, state, phi, cut_mesh.parents, bound.total)
+    change = changes(result.state, state, phi, parents, bound.total)
     energy = bound.energy + float(change.sum())
     total = bound.total + float(change.sum())
     return replace(bound, energy=energy, total=total, per_cell=per_cell + change)
 
 
-def bound_on_copy(result: ExactResult) -> ErrorBound | None:
-    """The bound with a stress on a bisected copy of the mesh.
+def clear_copy(
+    result: ExactResult,
+) -> tuple[BoundData, State, float, np.ndarray] | None:
+    """The data and the state on a bisected copy of the mesh, ``moved``, and the parents.
 
     None where no element stands out, and where the displacement penetrates the obstacle.  For two
     bodies the copy matches where they meet, and the displacement is always changed on the copy.
@@ -290,6 +300,15 @@ def bound_on_copy(result: ExactResult) -> ErrorBound | None:
     state, moved = feasible_state(bound_data, carried)
     if moved > state.touching_distance and not pairs:
         return None
+    return bound_data, state, moved, parents
+
+
+def bound_on_copy(result: ExactResult) -> ErrorBound | None:
+    """The bound with a stress on a bisected copy of the mesh; None as for ``clear_copy``."""
+    found = clear_copy(result)
+    if found is None:
+        return None
+    bound_data, state, moved, parents = found
     tangent = Factors(state.discrete, "sparsecholesky")
     factorise(state, tangent)
     own = result.state.with_radial_return()
