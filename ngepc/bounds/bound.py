@@ -258,18 +258,18 @@ def bound_on_triangles(result: ExactResult) -> ErrorBound:
     made = triangulated(result, cut_mesh)
     found = clear_copy(made)
     if found is None:
-        bound_data = data_on(made.discrete)
-        state, moved = feasible_state(bound_data, made.state)
+        carried = made.state
+        bound_data = data_on(carried.discrete)
+        state, moved = feasible_state(bound_data, carried)
         parents = cut_mesh.parents
         P = None
     else:
-        bound_data, state, moved, triangles = found
+        bound_data, carried, state, moved, triangles = found
         parents = cut_mesh.parents[triangles]
         P = pressure_on_copy(made, bound_data.contact, triangles)
     own = result.state.with_radial_return()
     balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
-    algebraic = algebraic_gap(own, *balanced)
-    algebraic += max(state.energy - made.state.energy, 0.0) if found is None else 0.0
+    algebraic = algebraic_gap(own, *balanced) + max(state.energy - carried.energy, 0.0)
     tangent = Factors(bound_data.discrete, "sparsecholesky")
     bound, _ = best_bound(bound_data, (state, moved, algebraic), tangent, P)
     per_cell = np.bincount(parents, bound.per_cell, minlength=problem.mesh.ne)
@@ -285,11 +285,12 @@ def bound_on_triangles(result: ExactResult) -> ErrorBound:
 
 def clear_copy(
     result: ExactResult,
-) -> tuple[BoundData, State, float, np.ndarray] | None:
-    """The data and the state on a bisected copy of the mesh, ``moved``, and the parents.
+) -> tuple[BoundData, State, State, float, np.ndarray] | None:
+    """The data on a bisected copy of the mesh, and the state before and after it is cleared.
 
-    None where no element stands out, and where the displacement penetrates the obstacle.  For two
-    bodies the copy matches where they meet, and the displacement is always changed on the copy.
+    The others are ``moved`` and the parents.  None where no element stands out, and where the
+    displacement penetrates the obstacle.  For two bodies the copy matches where they meet, and the
+    displacement is always changed on the copy.
     """
     found = state_on_copy(result)
     if found is None:
@@ -300,7 +301,7 @@ def clear_copy(
     state, moved = feasible_state(bound_data, carried)
     if moved > state.touching_distance and not pairs:
         return None
-    return bound_data, state, moved, parents
+    return bound_data, carried, state, moved, parents
 
 
 def bound_on_copy(result: ExactResult) -> ErrorBound | None:
@@ -308,11 +309,11 @@ def bound_on_copy(result: ExactResult) -> ErrorBound | None:
     found = clear_copy(result)
     if found is None:
         return None
-    bound_data, state, moved, parents = found
+    bound_data, carried, state, moved, parents = found
     tangent = Factors(state.discrete, "sparsecholesky")
     factorise(state, tangent)
     own = result.state.with_radial_return()
-    if result.problem.order == 1 and not pairs:
+    if result.problem.order == 1 and not result.problem.contact_pairs:
         balanced = balanced_by_copy(own, discrete_forces(own), state, tangent, parents)
     else:
         balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
