@@ -52,6 +52,7 @@ class Stiffness(Blocks):
     def __init__(self, mesh: Mesh, order: int, free: np.ndarray) -> None:
         self.free = free
         self.N = free.shape[1]
+        self.order = order
         self._space = H1(mesh, order=order, dim=self.N)
         rows, columns, _ = lower_triangle(pattern_matrix(H1(mesh, order=order)))
         self.rows = rows.astype(np.int32)

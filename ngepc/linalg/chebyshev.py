@@ -13,7 +13,7 @@ from math import sqrt
 import numpy as np
 from scipy.linalg import eigvalsh_tridiagonal
 
-from ngepc.linalg.descent import Linear
+from ngepc.linalg.descent import Dot, Linear
 
 DEGREE = 4
 """Products with A of a smoothing step, one less from zero."""
@@ -31,20 +31,30 @@ LANCZOS = 10
 class Chebyshev:
     """A smoothing step in place; it is symmetric, so that it serves before and after a correction.
 
-    ``multiply`` is A times a vector, ``divide`` D^-1 times a vector of ``size`` numbers.
+    ``multiply`` is A times a vector, ``divide`` D^-1 times a vector.  The largest eigenvalue is
+    estimated from a ``start``, a vector of random numbers.
     """
 
-    def __init__(self, multiply: Linear, divide: Linear, size: int) -> None:
+    def __init__(
+        self, multiply: Linear, divide: Linear, start: np.ndarray, dot: Dot = np.vdot
+    ) -> None:
         self._multiply = multiply
         self._divide = divide
-        upper = BEYOND * largest_eigenvalue(multiply, divide, size)
+        upper = BEYOND * largest_eigenvalue(multiply, divide, start, dot)
         lower = LEAST * upper
         self._middle = (upper + lower) / 2
         self._half = (upper - lower) / 2
 
     def __call__(self, x: np.ndarray, right: np.ndarray) -> None:
         """Move x towards the solution of A x = right."""
-        left = right - self._multiply(x) if x.any() else right.copy()
+        self._move(x, right - self._multiply(x))
+
+    def from_zero(self, x: np.ndarray, right: np.ndarray) -> None:
+        """The same for an x that is zero: one product less."""
+        self._move(x, right.copy())
+
+    def _move(self, x: np.ndarray, left: np.ndarray) -> None:
+        """Move x by the polynomial of the residual ``left``, which changes."""
         step = self._divide(left) / self._middle
         x += step
         ratio = self._middle / self._half
@@ -59,26 +69,30 @@ class Chebyshev:
 
 
 def largest_eigenvalue(
-    multiply: Linear, divide: Linear, size: int, steps: int = LANCZOS
+    multiply: Linear,
+    divide: Linear,
+    start: np.ndarray,
+    dot: Dot = np.vdot,
+    steps: int = LANCZOS,
 ) -> float:
     """An estimate from below of the largest eigenvalue of D^-1 A.
 
     Lanczos' method for a random vector, by the numbers of conjugate gradients.
     """
-    r = np.random.default_rng(0).standard_normal(size)
-    direction = np.zeros(size)
+    r = start
+    direction = np.zeros_like(start)
     shares = [0.0]
     lengths = [1.0]
     before = np.inf
     for _ in range(steps):
         z = divide(r)
-        now = float(r @ z)
+        now = float(dot(r, z))
         if not now > 0:
             break
         share = now / before
         direction = z + share * direction
         image = multiply(direction)
-        curvature = float(direction @ image)
+        curvature = float(dot(direction, image))
         if not curvature > 0:
             break
         shares.append(share)

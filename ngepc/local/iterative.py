@@ -31,6 +31,12 @@ from ngepc.model.support import rigid_motions
 ACCURACY = 1e-8
 """Relative residual of ``solve``, for callers that need accurate solutions."""
 
+FORCING = {1: 3e-3, 2: 1e-3}
+"""Relative residuals of the first Newton steps by order, where the options give none.
+
+For order two 3e-3 leaves the number of Newton steps to how processes share the body.
+"""
+
 CHUNK = 250_000
 """Entries of a matrix that are filled at once: NumPy and SciPy make copies of them."""
 
@@ -73,7 +79,7 @@ class Storage(Protocol):
 class Iterative(Declared):
     """Base class of ``PETSc()`` and ``PyAMG()``: arguments and tangent."""
 
-    forcing: Annotated[float, Check(require_number, least=1e-12)] = 3e-3
+    forcing: Annotated[float | None, Check(require_number, least=1e-12)] = None
     max_iterations: Count = 500
 
     def tangent(self, body: DiscreteBody, stiffness: Stiffness) -> IterativeTangent:
@@ -252,7 +258,7 @@ class IterativeTangent:
     """A tangent that is never factorised, with a new hierarchy for each state.
 
     Solves with the present tangent and the iterations in them are ``back_substitutions`` and
-    ``linear_iterations``, ``forcing`` is that of the ``solver``.
+    ``linear_iterations``, ``forcing`` is that of the ``solver`` or the usual one.
     """
 
     examined = FEW
@@ -263,7 +269,8 @@ class IterativeTangent:
     ) -> None:
         self._body = body
         self._processes = body.contact.processes
-        self.forcing = solver.forcing
+        usual = FORCING[body.problem.order]
+        self.forcing = usual if solver.forcing is None else solver.forcing
         self._most = solver.max_iterations
         self._storage = solver.storage(stiffness)
         self._preconditioner = solver.preconditioner(self._storage, body)

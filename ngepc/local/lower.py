@@ -8,15 +8,17 @@ which takes four times as long.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from ngsolve import BaseMatrix
-from scipy.sparse import csr_matrix
+from scipy.sparse import bsr_matrix, csr_matrix
 
 from ngepc.discretisation.stiffness import Blocks, Stiffness
 from ngepc.linalg.chebyshev import Chebyshev
+from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import FullPattern, pinned_blocks, place_among
+from ngepc.model.processes import Team
 
 
 class LowerStorage:
@@ -39,10 +41,9 @@ class LowerStorage:
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """See ``Storage``."""
-        return self._applied(self._matrix, x)
-
-    def __matmul__(self, x: np.ndarray) -> np.ndarray:
-        return self.multiply(x)
+        self._right.FV().NumPy()[:] = x
+        self._matrix.Mult(self._right, self._left)
+        return self._left.FV().NumPy().copy()
 
     def pin(self, nodes: np.ndarray, projections: np.ndarray) -> csr_matrix:
         """See ``Storage``."""
@@ -60,31 +61,48 @@ class LowerStorage:
         """The part of the matrix that belongs to the first nodes."""
         return Leading(self._stiffness, self._blocks, count)
 
-    def level(self, space: csr_matrix, restriction: csr_matrix) -> FinestLevel:
-        """The level of the present values, with the interpolation to it."""
-        jacobi = self._matrix.CreateSmoother()
+    def level(
+        self, space: csr_matrix, restriction: csr_matrix, processes: Team
+    ) -> FinestLevel:
+        """The level of the sum of the present tangents of all processes.
 
-        def divide(r: np.ndarray) -> np.ndarray:
-            """The inverse of the blocks on the diagonal times r."""
-            return self._applied(jacobi, r)
+        ``space`` is the interpolation to it, ``restriction`` its transpose.
+        """
+        shape = self._stiffness.free.shape
+        diagonal = self._stiffness.rows == self._stiffness.columns
+        blocks = processes.summed(self._blocks[diagonal])
+        count = np.arange(shape[0] + 1)
+        inverse = bsr_matrix((np.linalg.inv(blocks), count[:-1], count))
 
-        smooth = Chebyshev(self.multiply, divide, len(self._left.FV().NumPy()))
-        return FinestLevel(self, space, restriction, smooth, smooth)
+        def multiply(x: np.ndarray) -> np.ndarray:
+            """The tangent times displacements, flat."""
+            return processes.summed(self.multiply(x).reshape(shape)).ravel()
 
-    def _applied(self, operator: BaseMatrix, x: np.ndarray) -> np.ndarray:
-        self._right.FV().NumPy()[:] = x
-        operator.Mult(self._right, self._left)
-        return self._left.FV().NumPy().copy()
+        random = np.random.default_rng(0).standard_normal(shape)
+        start = processes.spread(random).ravel()
+        smooth = Chebyshev(multiply, inverse.dot, start, processes.dot)
+        return FinestLevel(
+            Summed(multiply), space, restriction, smooth.from_zero, smooth
+        )
+
+
+class Summed(NamedTuple):
+    """A matrix by its products with vectors."""
+
+    multiply: Linear
+
+    def __matmul__(self, x: np.ndarray) -> np.ndarray:
+        return self.multiply(x)
 
 
 class FinestLevel(NamedTuple):
     """A level like ``linalg.cycle.Level``, smoothed by a polynomial."""
 
-    matrix: LowerStorage
+    matrix: Summed
     space: csr_matrix
     restriction: csr_matrix
-    forwards: Chebyshev
-    backwards: Chebyshev
+    forwards: Callable[[np.ndarray, np.ndarray], None]
+    backwards: Callable[[np.ndarray, np.ndarray], None]
 
 
 class Leading:
@@ -101,10 +119,10 @@ class Leading:
         part.free = stiffness.free[:count]
         part.N = stiffness.N
         self._blocks = blocks[first]
-        self._pattern = FullPattern(part)
+        self.pattern = FullPattern(part)
         self._matrix: csr_matrix | None = None
 
     def matrix(self) -> csr_matrix:
         """The matrix with the present values, always the same object."""
-        self._matrix = self._pattern.matrix(self._blocks, self._matrix)
+        self._matrix = self.pattern.matrix(self._blocks, self._matrix)
         return self._matrix

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from zlib import crc32
 
 import numpy as np
@@ -10,15 +11,19 @@ from scipy.sparse import csr_matrix, eye
 
 from ngepc.checks.declared import Text
 from ngepc.discretisation.body import DiscreteBody
+from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.aggregation import COARSEST, DAMPING, aggregates, incidence, tentative
+from ngepc.linalg.cycle import v_cycle
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import (
     FullPattern,
     FullStorage,
     Iterative,
     Preconditioner,
+    Storage,
     low_energy_modes,
 )
+from ngepc.local.lower import LowerStorage
 from ngepc.model.processes import Team
 
 try:
@@ -52,19 +57,13 @@ Eigenvalues of the matrix times the inverse of symmetric Gauss-Seidel are at mos
 on several at most the number of colours that tell neighbours apart, and that of processes.
 """
 
-REACH = {1: 2.0, 2: 4.0}
-"""Assumed largest eigenvalue of the smoother on several processes, by order.
-
-For order one 2 was enough for up to 8 processes; for order two some are above 2 with 5.
-"""
-FEW = 4
-"""Up to this number of processes, 2 suffices; a larger value costs a third more iterations."""
+REACH = 2.0
+"""Assumed largest eigenvalue of the smoother on several processes, enough for up to 8."""
 
 
-def shared_options(processes: int, order: int) -> str:
+def shared_options(processes: int) -> str:
     """The rest of the options where some processes share a body."""
-    reach = REACH[1] if processes <= FEW else REACH[order]
-    largest = min(float(processes), reach)
+    largest = min(float(processes), REACH)
     return SHARED.format(0.1 * largest, largest)
 
 
@@ -72,13 +71,17 @@ def shared_options(processes: int, order: int) -> str:
 class PETSc(Iterative):
     """Conjugate gradients with a preconditioner of PETSc, multigrid by default.
 
+    With displacements of order two the multigrid of PETSc is for the linear functions, below a
+    level of all nodes that is smoothed by Chebyshev's polynomial.
+
     Parameters
     ----------
     options
         PETSc's own option string for the preconditioner: added to ``MULTIGRID``, or in its place
         if it says "-pc_type", for instance "-pc_type hypre".
     forcing
-        Relative residual at which the solves of the first Newton steps end.
+        Relative residual at which the solves of the first Newton steps end; None for 3e-3, and
+        1e-3 with displacements of order two.
     max_iterations
         Iterations after which a solve gives up.
 
@@ -97,11 +100,53 @@ class PETSc(Iterative):
             raise ImportError(INSTALL)
         super().__post_init__()
 
+    @property
+    def _has_levels(self) -> bool:
+        """Whether it is multigrid."""
+        return "-pc_type" not in self.options.split()
+
+    def storage(self, stiffness: Stiffness) -> Storage:
+        """Matrices of both triangles; of order two, for multigrid, half of the blocks."""
+        smoothed = self._has_levels and stiffness.order == 2
+        return LowerStorage(stiffness) if smoothed else super().storage(stiffness)
+
     def preconditioner(
-        self, storage: FullStorage, body: DiscreteBody
+        self, storage: FullStorage | LowerStorage, body: DiscreteBody
     ) -> Preconditioner:
         """A preconditioner of PETSc that is set up anew for each matrix."""
-        return PETScPreconditioner(storage.pattern, body, self.options)
+        if isinstance(storage, LowerStorage):
+            return FromVertices(storage, body, self.options)
+        processes = body.contact.processes
+        given = storage.pattern, low_energy_modes(body), processes
+        return PETScPreconditioner(*given, self.options)
+
+
+class FromVertices:
+    """A cycle for displacements of order two, above PETSc's one for the linear functions.
+
+    The finest level is smoothed by products, which do not depend on how processes share the body.
+    """
+
+    def __init__(self, storage: LowerStorage, body: DiscreteBody, options: str) -> None:
+        problem = body.problem
+        vertices = problem.mesh.nv
+        self._processes = body.contact.processes
+        self._linear = storage.leading(vertices)
+        modes = low_energy_modes(body)[: problem.N * vertices]
+        given = self._linear.pattern, modes, problem.processes
+        self._coarse = PETScPreconditioner(*given, options)
+        self._space = eye(body.free.size, len(modes), format="csr")
+
+    def coarsen(self, matrix: LowerStorage) -> None:
+        """See ``Preconditioner``."""
+        self._coarse.coarsen(self._linear.matrix())
+
+    def update(self, pinned: LowerStorage) -> Linear:
+        """See ``Preconditioner``."""
+        coarse = self._coarse.update(self._linear.matrix())
+        restriction = self._space.T.tocsr()
+        level = pinned.level(self._space, restriction, self._processes)
+        return partial(v_cycle, [level], coarse)
 
 
 class PETScPreconditioner:
@@ -110,9 +155,11 @@ class PETScPreconditioner:
     The rows of a process are on that process; multigrid keeps its coarse spaces.
     """
 
-    def __init__(self, pattern: FullPattern, body: DiscreteBody, options: str) -> None:
-        self._N = body.free.shape[1]
-        self._processes = body.contact.processes
+    def __init__(
+        self, pattern: FullPattern, modes: np.ndarray, processes: Team, options: str
+    ) -> None:
+        self._N = len(modes) // pattern.blocks.shape[0]
+        self._processes = processes
         self._shared = self._processes.size > 1
         self._comm = self._processes.comm if self._shared else petsc.COMM_SELF
         # shared objects are destroyed by all processes together
@@ -122,12 +169,12 @@ class PETScPreconditioner:
         self._pc: object | None = None
         self._spaces: list[object] | None = None
         size = self._processes.size
-        rest = shared_options(size, body.problem.order) if self._shared else ALONE
+        rest = shared_options(size) if self._shared else ALONE
         usual = MULTIGRID + rest
         self._options = usual + options if self._levels else options
         own = self._processes.own
         self._graph = pattern.graph[own][:, own]
-        self._modes = self._orthonormal(low_energy_modes(body))
+        self._modes = self._orthonormal(modes)
 
     def coarsen(self, matrix: csr_matrix) -> None:
         """See ``Preconditioner``."""
@@ -244,14 +291,6 @@ def interpolations(
     found = []
     spare = []
     node = np.arange(len(modes)) // (len(modes) // graph.shape[0])
-    linear = (modes != 0).any(axis=1)
-    if processes.any(~linear):
-        chosen = eye(len(modes), format="csr")[:, np.flatnonzero(linear)]
-        found.append(spread(chosen, matrix, processes))
-        matrix = matrix.ptap(found[0])
-        modes = modes[linear]
-        node = node[linear]
-        spare.append(matrix)
     while matrix.size[0] > COARSEST:
         number = aggregates(graph)
         local, modes, coarse_node = tentative(number[node], modes)

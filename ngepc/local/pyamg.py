@@ -15,7 +15,7 @@ from ngepc.linalg.cycle import Level, coarsest_solver, level_and_coarser, v_cycl
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import Iterative, Preconditioner, low_energy_modes
 from ngepc.local.lower import FinestLevel, LowerStorage
-from ngepc.model.processes import require_whole
+from ngepc.model.processes import ALONE, require_whole
 
 try:
     import pyamg
@@ -89,13 +89,13 @@ class VCycles:
 
         def finest(_: csr_matrix, *pair: csr_matrix) -> FinestLevel:
             """The level of the pinned matrix."""
-            return pinned.level(*pair)
+            return pinned.level(*pair, ALONE)
 
         matrix = self._linear.matrix()
         pairs = list(self._pairs)
         levels = []
         if self._has_more_nodes:
-            levels.append(pinned.level(*pairs.pop(0)))
+            levels.append(pinned.level(*pairs.pop(0), ALONE))
         for pair in pairs:
             make = coarser if levels else finest
             level, matrix = level_and_coarser(make, matrix, *pair)
