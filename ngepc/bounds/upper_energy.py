@@ -14,6 +14,13 @@ and J = det F > 0, eps(u) = e/J with a polynomial e = sym(D adj F), and dx = J d
   with N is a polynomial, which a Gauss rule integrates exactly.  tau = 0 on parallelograms.
 - G is convex in s.  So the integral of G over a part of the element is no less than the area of the
   part times G at the mean of s over it.  This mean is exact: J cancels in int eps dx = int e dxi.
+- With linear hardening G = [|s| - beta]_+^2 / (2 M).  For a unit vector d let a = d . s >= m > beta
+  on a part.  As the derivative of (|s| - beta)^2 by |s|^2 is 1 - beta/|s|,
+
+      (|s| - beta)^2  >=  (a - beta)^2 + (1 - beta/m) (|s|^2 - a^2).
+
+  J^2 times this is a polynomial, which is integrated with 1/J >= (1 - t)(1 + t^2)/c, t = J/c - 1.
+  m is the least quotient of Bernstein coefficients of the polynomials a J and J.
 """
 
 from __future__ import annotations
@@ -33,7 +40,7 @@ from ngepc.model.elements import elements_by_shape, vertex_coordinates
 REMAINDER = 1e-8
 """Part of the elastic energy that the expansion of 1/J may add."""
 MOST_TERMS = 30
-PARTED = (4, 8, 16)
+PARTED = (2, 4, 8, 16)
 """Into how many parts each side of an element is divided, in turn."""
 MISSED = 0.01
 """Part of the error bound that the lower bound of G may miss."""
@@ -41,7 +48,12 @@ FLAT = 1e-6
 """Smallest ratio of J at corners."""
 NUMBERS = 2_000_000
 """Numbers that are held in memory at once."""
-ON_PART = IntegrationRule(ET.QUAD, 3)
+ON_PART = IntegrationRule(ET.QUAD, 7)
+LATTICE = np.indices((3, 3)).reshape(2, -1).T / 2
+"""Places in a part."""
+_ALONG = np.array([(1.0, 0.0, 0.0), (-0.5, 2.0, -0.5), (0.0, 0.0, 1.0)])
+TO_BERNSTEIN = np.kron(_ALONG, _ALONG)
+"""Bernstein coefficients of a function of degree two in both coordinates from ``LATTICE``."""
 WORK_ORDER = 8
 """Of the rule for the work of body forces: polynomials of degree three times u times J."""
 
@@ -86,10 +98,12 @@ class Quadrilaterals:
         F = np.einsum("pkj,qki->qpij", corner_slopes(places), self.corners[chosen])
         u = self.state.u[self.block.nodes[chosen]]
         D = np.einsum("pkj,qki->qpij", self.slopes(places), u)
-        gradient = np.matmul(D, np.linalg.inv(F))
+        J = determinants_of(F)
+        adjugate = np.trace(F, axis1=2, axis2=3)[..., None, None] * np.eye(2) - F
+        gradient = np.matmul(D, adjugate) / J[..., None, None]
         basis = self.block.basis
         strain = gradient.reshape(-1, 4) @ basis.reshape(len(basis), -1).T
-        return self.returned(strain, chosen), np.abs(np.linalg.det(F))
+        return self.returned(strain, chosen), np.abs(J)
 
     def returned(self, strain: np.ndarray, chosen: np.ndarray) -> Return:
         """The law at strains (trace and deviator) of points by element."""
@@ -102,20 +116,13 @@ class Quadrilaterals:
         first = self.block.points[chosen, 0]
         return self.state.discrete.law.of(np.repeat(first, each))
 
-    def portions(self, places: int) -> Iterator[np.ndarray]:
-        """All elements, in groups that fit into memory."""
-        each = max(1, NUMBERS // (places * 20))
-        count = len(self.numbers)
-        for start in range(0, count, each):
-            yield np.arange(start, min(start + each, count))
-
-    def determinants(self) -> tuple[np.ndarray, np.ndarray]:
+    def extremes(self) -> tuple[np.ndarray, np.ndarray]:
         """c and tau of each element: J is affine, its extremes are at corners.
 
         ValueError where J vanishes at a corner.
         """
         slopes = corner_slopes(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=float))
-        J = np.abs(np.linalg.det(np.einsum("pkj,qki->qpij", slopes, self.corners)))
+        J = np.abs(determinants_of(np.einsum("pkj,qki->qpij", slopes, self.corners)))
         least = J.min(axis=1)
         most = J.max(axis=1)
         if (least < FLAT * most).any():
@@ -125,6 +132,11 @@ class Quadrilaterals:
         return (most + least) / 2, (most - least) / (most + least)
 
 
+def determinants_of(F: np.ndarray) -> np.ndarray:
+    """The determinants of matrices (..., 2, 2)."""
+    return F[..., 0, 0] * F[..., 1, 1] - F[..., 0, 1] * F[..., 1, 0]
+
+
 def corner_slopes(places: np.ndarray) -> np.ndarray:
     """Derivatives of the bilinear functions of the corners by xi, (places, 4, 2)."""
     x = places[:, 0]
@@ -132,6 +144,13 @@ def corner_slopes(places: np.ndarray) -> np.ndarray:
     by_x = np.stack([y - 1, 1 - y, y, -y], axis=1)
     by_y = np.stack([x - 1, -x, x, 1 - x], axis=1)
     return np.stack([by_x, by_y], axis=2)
+
+
+def in_groups(chosen: np.ndarray, places: int) -> Iterator[np.ndarray]:
+    """Elements in groups that fit into memory."""
+    each = max(1, NUMBERS // (places * 20))
+    for start in range(0, len(chosen), each):
+        yield chosen[start : start + each]
 
 
 def upper_energies(state: State, bound: float) -> tuple[np.ndarray, np.ndarray]:
@@ -182,35 +201,41 @@ def work_by_element(state: State) -> np.ndarray:
 
 def elastic_energies(those: Quadrilaterals) -> tuple[np.ndarray, np.ndarray]:
     """Upper bounds of the integrals of the first two terms, and the areas."""
-    c, tau = those.determinants()
-    terms = terms_needed(float(tau.max()))
-    order = those.state.discrete.problem.order
-    rule = IntegrationRule(ET.QUAD, 2 * order + terms + 1)
-    places = np.array(rule.points)[:, :2]
-    weights = np.array(rule.weights)
+    c, tau = those.extremes()
     energy = np.empty(len(c))
     area = np.empty(len(c))
-    for chosen in those.portions(len(places)):
-        at, J = those.at(places, chosen)
-        law = those.law(chosen, len(places))
-        total = at.trial + law.back
-        density = law.bulk * at.volume**2 + (total**2).sum(axis=1) / law.two_mu
-        N = density.reshape(J.shape) * J**2 / 2
-        t = J / c[chosen, None] - 1
-        powers = (-t[:, :, None]) ** np.arange(terms + 1)
-        powers[:, :, -1] /= 1 - tau[chosen, None]
-        inverse = powers.sum(axis=2) / c[chosen, None]
-        energy[chosen] = (N * inverse) @ weights
-        area[chosen] = J @ weights
+    terms = terms_needed(tau)
+    for m in np.unique(terms).tolist():
+        order = those.state.discrete.problem.order
+        rule = IntegrationRule(ET.QUAD, 2 * order + m + 1)
+        places = np.array(rule.points)[:, :2]
+        weights = np.array(rule.weights)
+        for chosen in in_groups(np.flatnonzero(terms == m), len(places)):
+            at, J = those.at(places, chosen)
+            N = elastic_density(those.law(chosen, len(places)), at).reshape(J.shape)
+            N *= J**2
+            t = J / c[chosen, None] - 1
+            powers = (-t[:, :, None]) ** np.arange(m + 1)
+            powers[:, :, -1] /= 1 - tau[chosen, None]
+            inverse = powers.sum(axis=2) / c[chosen, None]
+            energy[chosen] = (N * inverse) @ weights
+            area[chosen] = J @ weights
     return energy, area
 
 
-def terms_needed(tau: float) -> int:
-    """The smallest even m for which the last term is small."""
-    m = 0
-    while m < MOST_TERMS and tau**m / (1 - tau) - 1 * (m == 0) > REMAINDER:
-        m += 2
-    return m
+def elastic_density(law: Law, at: Return) -> np.ndarray:
+    """The first two terms of phi."""
+    total = at.trial + law.back
+    return law.bulk * at.volume**2 / 2 + (total**2).sum(axis=1) / (2 * law.two_mu)
+
+
+def terms_needed(tau: np.ndarray) -> np.ndarray:
+    """The smallest even m for which the last term is small, for each element."""
+    terms = np.zeros(len(tau), dtype=int)
+    for m in range(0, MOST_TERMS, 2):
+        added = tau / (1 - tau) if m == 0 else tau**m / (1 - tau)
+        terms[added > REMAINDER] = m + 2
+    return terms
 
 
 def least_flow(those: Quadrilaterals, allowed: float) -> np.ndarray:
@@ -223,10 +248,7 @@ def least_flow(those: Quadrilaterals, allowed: float) -> np.ndarray:
     missed = np.full(count, np.inf)
     limit = allowed / count
     for parts in PARTED:
-        for chosen in those.portions(4 * parts**2):
-            rough = chosen[missed[chosen] > limit]
-            if not len(rough):
-                continue
+        for rough in in_groups(np.flatnonzero(missed > limit), 25 * parts**2):
             low, near = flow_on_parts(those, rough, parts)
             least[rough] = low
             missed[rough] = near - low
@@ -238,21 +260,60 @@ def flow_on_parts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """A lower bound of the integral of G over some elements, and its value by quadrature."""
     origins = np.indices((parts, parts)).reshape(2, -1).T / parts
-    inside = np.array(ON_PART.points)[:, :2] / parts
+    inside = np.concatenate([np.array(ON_PART.points)[:, :2], LATTICE]) / parts
     places = (origins[:, None] + inside).reshape(-1, 2)
     at, J = those.at(places, chosen)
-    weights = J.reshape(len(chosen), parts**2, -1) * np.array(ON_PART.weights)
-    weights = weights / parts**2
+    shape = (len(chosen), parts**2, len(inside))
+    J = J.reshape(shape)
+    size = np.array(ON_PART.weights) / parts**2
+    count = len(size)
     law = those.law(chosen, len(places))
     near = flow_potential(law.resistance, law.modulus, at.size, at.gained)
 
+    weights = J[..., :count] * size
     area = weights.sum(axis=2)
-    shares = weights / area[:, :, None]
     strain = np.column_stack([at.volume + law.swelling, at.deviator + law.distortion])
-    strain = strain.reshape(*weights.shape, -1)
-    mean = np.einsum("qpi,qpis->qps", shares, strain)
+    strain = strain.reshape(*shape, -1)[:, :, :count]
+    mean = np.einsum("qpi,qpis->qps", weights / area[..., None], strain)
     mean_at = those.returned(mean.reshape(-1, mean.shape[2]), chosen)
     law = those.law(chosen, parts**2)
     low = flow_potential(law.resistance, law.modulus, mean_at.size, mean_at.gained)
-    least = (low.reshape(area.shape) * area).sum(axis=1)
-    return least, (near.reshape(weights.shape) * weights).sum(axis=(1, 2))
+    low = low.reshape(area.shape) * area
+    if law.resistance.is_constant:
+        s = at.trial.reshape(*shape, -1)
+        middle = mean_at.trial.reshape(*area.shape, -1)
+        beta = law.beta.reshape(area.shape)
+        found = linear_flow(s, J, middle, beta, size)
+        low = np.maximum(low, found / (2 * law.modulus.reshape(area.shape)))
+    near = near.reshape(shape)[..., :count] * weights
+    return low.sum(axis=1), near.sum(axis=(1, 2))
+
+
+def linear_flow(
+    s: np.ndarray, J: np.ndarray, middle: np.ndarray, beta: np.ndarray, size: np.ndarray
+) -> np.ndarray:
+    """Lower bounds of int [|s| - beta]_+^2 over parts, (elements, parts).
+
+    ``s`` (elements, parts, places, d) and J are values at the points of the rule with weights
+    ``size`` and on the lattice, ``middle`` (elements, parts, d) are means of s.  Zero for parts on
+    which s may be below beta.
+    """
+    count = len(size)
+    length = np.linalg.norm(middle, axis=2, keepdims=True)
+    d = middle / np.where(length > 0, length, 1.0)
+    a = np.einsum("qpid,qpd->qpi", s, d)
+    across = np.einsum("qpid,qpid->qpi", s, s) - a**2
+
+    on_lattice = J[..., count:]
+    numerators = (a[..., count:] * on_lattice) @ TO_BERNSTEIN.T
+    least = (numerators / (on_lattice @ TO_BERNSTEIN.T)).min(axis=2)
+    yields = least > beta
+    share = 1 - beta / np.where(yields, least, np.inf)
+
+    c = (on_lattice.max(axis=2) + on_lattice.min(axis=2)) / 2
+    t = J[..., :count] / c[..., None] - 1
+    inverse = (1 - t) * (1 + t**2) / c[..., None]
+    weights = size * J[..., :count] ** 2 * inverse
+    squares = (a[..., :count] - beta[..., None]) ** 2
+    squares += share[..., None] * np.maximum(across[..., :count], 0.0)
+    return np.where(yields, (weights * squares).sum(axis=2), 0.0)
