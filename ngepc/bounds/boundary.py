@@ -100,7 +100,7 @@ class Boundary(OuterFacets):
     the vertices ``opposite`` (pairs, N), each facing the vertex of the first facet in its place.
 
     ValueError for friction or displacements that are not affine on facets (displacements at the
-    start of the step: quadratic for order two in the plane), for springs that are not constant
+    start of the step: quadratic for order two), for springs that are not constant
     there, and for boundaries inside the body.
     """
 
@@ -213,7 +213,7 @@ class Boundary(OuterFacets):
     def _check_start(self, on: np.ndarray) -> None:
         """Refuse displacements at the start of the step that are not known at the nodes."""
         name = "initial_displacement"
-        if self.problem.order == 1 or self.cells.N == 3:
+        if self.problem.order == 1:
             self.affine(name, self.problem.u_0, on)
             return
         values = self.values(self.problem.u_0, on)

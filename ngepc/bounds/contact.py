@@ -327,12 +327,20 @@ class ContactFacets:
         size = np.linalg.norm(slip[:, : self.N], axis=2)
         if self.problem.order == 1:
             return (self.moments(F[:, :, None])[:, :, 0] * size).sum(axis=1)
-        middle = np.linalg.norm(
-            slip[:, :2].mean(axis=1) + BUBBLE / 2 * slip[:, 2], axis=1
-        )
+        middle = np.linalg.norm(self._middles_of_edges(slip), axis=2)
         total = F.sum(axis=1)
-        between = total * (size.sum(axis=1) / 12 + middle / 6)
-        return self.measure * ((F * size).sum(axis=1) / 6 + between)
+        if self.N == 2:
+            between = total * (size.sum(axis=1) / 12 + middle[:, 0] / 6)
+            return self.measure * ((F * size).sum(axis=1) / 6 + between)
+        # means of hat functions times Bernstein's: 1/10 and 1/30, 1/15 and 1/30
+        between = total * (size.sum(axis=1) + 2 * middle.sum(axis=1)) / 30
+        own = (F * (2 * size - middle)).sum(axis=1) / 30
+        return self.measure * (own + between)
+
+    def _middles_of_edges(self, vectors: np.ndarray) -> np.ndarray:
+        """Bernstein coefficients of edges from vectors at ``nodes``, (facets, edges, N)."""
+        ends = np.array(OF_FACET[self.N])
+        return vectors[:, ends].mean(axis=2) + BUBBLE / 2 * vectors[:, self.N :]
 
     def pushed(self, state: State, P: np.ndarray) -> np.ndarray:
         """Forces of the body on the obstacle at ``nodes``, shape (facets, nodes, N)."""
@@ -357,7 +365,10 @@ class ContactFacets:
         pressed = self.moments(P[:, :, None])[:, :, 0] * self.slack(u)
         return pressed.sum(axis=1) + (P * self.boundary.excess).sum(axis=1)
 
-    def gaps(self, state: State, P: np.ndarray) -> np.ndarray:
-        """The integral of P (psi - u . n) + F |slip| - T . slip over each facet."""
-        dragged = self.works(self.friction(state), self.slip(state.u))
+    def gaps(self, state: State, P: np.ndarray, T: np.ndarray) -> np.ndarray:
+        """The integral of P (psi - u . n) + F |slip| - T . slip over each facet.
+
+        ``T`` (facets, N, N) are tangential tractions at vertices.
+        """
+        dragged = self.works(T, self.slip(state.u))
         return self.opening(state.u, P) - dragged + self.friction_works(state.u)

@@ -32,7 +32,7 @@ COVERS = (
 )
 """Features that guaranteed bounds cover.
 
-Friction in three dimensions with order 1 only; two bodies and parts that contact alone holds in the
+Two bodies and parts that contact alone holds in the
 plane and without friction."""
 
 HELD = frozenset({"two bodies", "held by contact"})
@@ -92,10 +92,13 @@ class FacetRule:
         return values - self.shares @ values[:, : self.shares.shape[1]]
 
     def quadratic_defect(self, values: np.ndarray) -> np.ndarray:
-        """By how much values (segments, points, k) exceed the parabola of ends and middle."""
+        """By how much values (facets, points, k) exceed the quadratic of vertices and middles."""
         defect = self.affine_defect(values)
-        bubble = 4 * self.shares.prod(axis=1)
-        return defect - bubble[:, None] * defect[:, 2:3]
+        if self.shares.shape[1] == 2:
+            bubble = 4 * self.shares.prod(axis=1)
+            return defect - bubble[:, None] * defect[:, 2:3]
+        bubbles = edge_functions(self.shares) / (BUBBLE / 4)
+        return defect - bubbles @ defect[:, MIDDLES]
 
     def bubbles(self, values: np.ndarray) -> np.ndarray:
         """Coefficients of edge functions, (facets, 3), of scalars (facets, points) on triangles.
@@ -199,9 +202,6 @@ def check_features(problem: Problem) -> None:
     if has_straight_simplices(problem.mesh):
         advice = ""
     require_covered(problem, "a bound", COVERS, advice)
-    if problem.N == 3 and problem.order == 2:
-        covers = COVERS - {"friction"}
-        require_covered(problem, "a bound of order 2 in three dimensions", covers)
     if problem.N == 3:
         require_covered(problem, "a bound in three dimensions", COVERS - HELD)
     if problem.friction is not None:

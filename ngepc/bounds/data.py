@@ -200,11 +200,15 @@ class BoundData:
         self, state: State, P: np.ndarray, sprung: np.ndarray
     ) -> np.ndarray:
         """What contact and springs add to the bound, for each cell."""
-        pressed = self.contact.gaps(state, P)
+        pressed = self.contact.gaps(state, P, self.tangential(state))
         pulled = self.foundation.gaps(state.u, sprung)
         owners = np.append(self.contact.owner, self.foundation.owner)
         count = len(self.cells.nodes)
         return np.bincount(owners, np.append(pressed, pulled), minlength=count)
+
+    def tangential(self, state: State) -> np.ndarray:
+        """Minus the tangential tractions of the admissible stress on contact, at vertices."""
+        return self.contact.friction(state)
 
     def gaps(self, state: State, z: np.ndarray) -> np.ndarray:
         """int [phi(eps) - sigma : eps] over each cell for stresses at the points of ``strain``."""

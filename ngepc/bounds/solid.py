@@ -274,6 +274,12 @@ class SolidBoundData(BoundData):
         at_points = at_points_of_parts(found.nodal)
         return BestStress(found.nodal, at_points, found.pressure, None, found.sprung)
 
+    def tangential(self, state: State) -> np.ndarray:
+        """See ``BoundData``; for order two the stress is that of order one."""
+        if self.lower is None:
+            return super().tangential(state)
+        return self.lower.tangential(self.lower_state)
+
     def search(self, state: State) -> SolidSearch:
         """The matrices of the tetrahedra for the tangent of a state."""
         at = self.conjugate.completed(self.stress(state)[:, None])

@@ -227,7 +227,8 @@ def shaped_like(
 def lowered_problem(problem: Problem) -> Problem:
     """The problem with displacements of order one, and a history that is constant on elements.
 
-    Affine data are replaced by their values at the centres of the elements.
+    Affine data are replaced by their values at the centres of the elements, the displacement at the
+    start of the step by its interpolant.
     """
     points = Points(problem.mesh, problem.kinematics, 1)
 
@@ -236,6 +237,10 @@ def lowered_problem(problem: Problem) -> Problem:
         return shaped_like(value, points.functions.function(points.at(value)))
 
     history = {name: mapped(getattr(problem, name), constant) for name in HISTORY}
+    if problem.u_0 is not None:
+        start = GridFunction(VectorH1(problem.mesh, order=1))
+        start.Set(problem.u_0)
+        history["initial_displacement"] = start
     return problem.changed(order=1, **history)
 
 

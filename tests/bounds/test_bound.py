@@ -244,12 +244,6 @@ def square(material=MATERIAL, **data):
 @pytest.mark.parametrize(
     ("word", "make"),
     [
-        (
-            "order 2 in three dimensions",
-            lambda: Problem(
-                block.mesh(0.5), MATERIAL, contact="contact", gap=0.1, friction=1.0
-            ),
-        ),
         ("axisymmetric", lambda: square(kinematics="axisymmetric")),
         ("prescribed", lambda: square(prescribed={"contact": (None, 1e-3 * x**2)})),
         ("friction", lambda: square(contact="contact", gap=0.1, friction=Coulomb(0.3))),

@@ -15,6 +15,7 @@ from ngepc import (
     Material,
     NewtonOptions,
     evolve,
+    goal_bound,
     primal_newton,
     semismooth_newton,
     solve_to,
@@ -25,6 +26,7 @@ from ngepc.bounds.coverage import FACET_RULES
 from ngepc.bounds.data import Effort
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.simplices import FACETS, Simplices
+from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
 from ngepc.model.kinematics import SOLID
@@ -312,7 +314,6 @@ def test_meshes_follow_the_bound():
 @pytest.mark.parametrize(
     ("word", "make"),
     [
-        ("friction", lambda: replace(dragged(), order=2)),
         ("tetrahedra", lambda: Problem(block.structured_mesh(1, 1, 1), MATERIAL)),
         (
             "lame_mu",
@@ -412,3 +413,49 @@ def test_histories_of_order_two_start_from_affine_ones():
     assert bound.relative <= 0.6
     fine = semismooth_newton(finer(last.problem, 1)).primal_energy
     assert bound.least_energy < fine < bound.energy
+
+
+def rubbed(friction, **data):
+    """A cube of order two under a plate that is dragged along."""
+    given = {"traction": {"right": (0.5, 0.2, 0.1)}, "contact": "contact"}
+    given |= {"gap": -1.5e-3, "friction": friction, "order": 2}
+    steel = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=60.0
+    )
+    mesh = block.structured_mesh(2, 2, 2, simplices=True)
+    return Problem(mesh, steel, **given | data)
+
+
+@pytest.mark.parametrize("friction", [0.05, 0.2 + 0.1 * x])
+def test_friction_of_order_two(friction):
+    """The slip is a parabola, from a quadratic start; the tractions are those of order one."""
+    problem = rubbed(friction, initial_displacement=(1e-4 * x * x, 0, 0))
+    result = semismooth_newton(problem)
+    bound = error_bound(result)
+    fine = error_bound(semismooth_newton(finer(problem, 1)))
+    assert result.state.sliding.any()
+    assert bound.guaranteed
+    assert bound.least_energy < fine.least_energy < fine.energy < bound.energy
+    assert bound.per_cell.min() > -1e-9 * bound.total
+    lower = error_bound(semismooth_newton(replace(problem, order=1, **AT_REST)))
+    unmoved = error_bound(semismooth_newton(replace(problem, **AT_REST)))
+    assert max(lower.least_energy, unmoved.least_energy) < unmoved.energy
+    assert unmoved.total < 0.6 * lower.total
+    with pytest.raises(ValueError, match=r"friction=.*: a goal bound of order 2"):
+        goal_bound(result, "work")
+
+
+AT_REST = {"initial_displacement": None}
+
+
+def test_steps_of_a_history_with_friction_of_order_two():
+    """The start of the second step is the quadratic displacement of the first one."""
+    back = {"traction": {"right": (-0.3, 0.1, 0.0)}}
+    history = evolve(rubbed(0.1), [(1.0, {}), (2.0, back)]).raise_for_status()
+    step = history.steps[-1]
+    bound = error_bound(step.solution)
+    problem = step.problem.changed(initial_accumulated=None)  # no part of this law
+    everywhere = np.ones(problem.mesh.ne, dtype=bool)
+    fine = on_mesh(problem, *bisected(problem.mesh, everywhere))
+    better = error_bound(semismooth_newton(fine))
+    assert bound.least_energy < better.least_energy < better.energy < bound.energy
