@@ -152,11 +152,23 @@ class MeshState(NamedTuple):
 def require_same_mesh(problem: ProblemData) -> ProblemData:
     """``problem``; a ValueError if its mesh has changed since it was solved."""
     before = getattr(problem, "solved_on", None)
-    if before is None:
-        return problem
-    change = before.change_to(MeshState.of(problem.mesh))
+    if before is not None:
+        _require_no_change(before.change_to(MeshState.of(problem.mesh)))
+    return problem
+
+
+def require_same_elements(problem: ProblemData) -> None:
+    """A ValueError if the mesh has other elements; nodal values may follow points that move."""
+    before = getattr(problem, "solved_on", None)
+    if before is not None:
+        mesh = problem.mesh
+        _require_no_change(
+            before.change_to(before._replace(vertices=mesh.nv, elements=mesh.ne))
+        )
+
+
+def _require_no_change(change: str) -> None:
     if change:
         raise ValueError(
             f"mesh {change}: solve again, or change a copy, Mesh(mesh.ngmesh.Copy())"
         )
-    return problem

@@ -17,7 +17,7 @@ from ngepc.discretisation.rows import ContactRows
 from ngepc.discretisation.sampled import hidden_overlap, what_is_unseen
 from ngepc.model.data import order_note
 from ngepc.model.elements import plastic_points, vertex_coordinates
-from ngepc.model.own import require_same_mesh
+from ngepc.model.own import require_same_elements, require_same_mesh
 from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
 from ngepc.results.equilibrium import Equilibrium
@@ -154,15 +154,15 @@ class DiscreteSolution(Result):
 
     @property
     def displacement(self) -> GridFunction:
-        """u (length); of order one it follows its mesh through refinement."""
+        """u (length): its nodes follow points that move; of order one also through refinement."""
         u = self._displacement
         if u.space.globalorder > 1:
-            require_same_mesh(self.state.body.problem)
+            require_same_elements(self.state.body.problem)
         return u
 
     @cached_property
     def _displacement(self) -> GridFunction:
-        require_same_mesh(self.state.body.problem)
+        require_same_elements(self.state.body.problem)
         return self.state.body.supports.function(self.state.u)
 
     @property
