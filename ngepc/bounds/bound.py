@@ -190,7 +190,7 @@ class ErrorBound:
 
     def __str__(self) -> str:
         total = outward(0.0, max(self.total, 0.0), 3)[1]
-        part = at_most_percent(self.relative, 3)
+        part = at_most_percent(max(self.relative, 0.0), 3)
         return (
             f"energy error at most {total}, {part} of the strain energy ({self.kind})"
         )
