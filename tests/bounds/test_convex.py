@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaigns.crossings import finer
 from ngsolve import CF, x
 
 from ngepc import (
@@ -193,3 +194,14 @@ def test_an_angle_that_varies_inside_elements_is_refused():
     turning = replace(PLAIN, hill=Hill.r_values(1.8, 1.2, 2.3, angle=x))
     with pytest.raises(ValueError, match=r"hill.angle varies inside elements"):
         error_bound(semismooth_newton(square(2, turning)))
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_constant_history_stays_constant_on_bisected_meshes(number):
+    """Its values at the points of a cell differ by rounding errors there."""
+    material = random_material(np.random.default_rng(5), anisotropic=number == 0)
+    start = 1.1 * STRETCHED
+    problem = square(2, material, order=2, initial_plastic_strain=start)
+    fine = error_bound(semismooth_newton(finer(problem, 2)))
+    bound = error_bound(semismooth_newton(problem))
+    assert bound.least_energy < fine.least_energy < fine.energy < bound.energy
