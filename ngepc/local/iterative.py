@@ -31,11 +31,8 @@ from ngepc.model.support import rigid_motions
 ACCURACY = 1e-8
 """Relative residual of ``solve``, for callers that need accurate solutions."""
 
-FORCING = {1: 3e-3, 2: 1e-3}
-"""Relative residuals of the first Newton steps by order, where the options give none.
-
-For order two 3e-3 leaves the number of Newton steps to how processes share the body.
-"""
+FORCING = 3e-3
+"""Relative residual of the first Newton steps, where the options give none."""
 
 CHUNK = 250_000
 """Entries of a matrix that are filled at once: NumPy and SciPy make copies of them."""
@@ -85,6 +82,10 @@ class Iterative(Declared):
     def tangent(self, body: DiscreteBody, stiffness: Stiffness) -> IterativeTangent:
         """The tangent of a discrete problem, assembled by ``stiffness``."""
         return IterativeTangent(body, stiffness, self)
+
+    def forcing_of(self, order: int) -> float:
+        """``forcing``, or the usual one for displacements of an order."""
+        return FORCING if self.forcing is None else self.forcing
 
     def storage(self, stiffness: Stiffness) -> Storage:
         """What stores the tangents: by default matrices of both triangles."""
@@ -269,8 +270,7 @@ class IterativeTangent:
     ) -> None:
         self._body = body
         self._processes = body.contact.processes
-        usual = FORCING[body.problem.order]
-        self.forcing = usual if solver.forcing is None else solver.forcing
+        self.forcing = solver.forcing_of(body.problem.order)
         self._most = solver.max_iterations
         self._storage = solver.storage(stiffness)
         self._preconditioner = solver.preconditioner(self._storage, body)

@@ -61,6 +61,13 @@ REACH = 2.0
 """Assumed largest eigenvalue of the smoother on several processes, enough for up to 8."""
 
 
+FORCING_SHARED = 1e-3
+"""The usual ``forcing`` with order two.
+
+With 3e-3 the number of Newton steps depends on how processes share the body.
+"""
+
+
 def shared_options(processes: int) -> str:
     """The rest of the options where some processes share a body."""
     largest = min(float(processes), REACH)
@@ -99,6 +106,12 @@ class PETSc(Iterative):
         if petsc is None:
             raise ImportError(INSTALL)
         super().__post_init__()
+
+    def forcing_of(self, order: int) -> float:
+        """See ``Iterative``."""
+        if order == 2 and self.forcing is None:
+            return FORCING_SHARED
+        return super().forcing_of(order)
 
     @property
     def _has_levels(self) -> bool:

@@ -30,7 +30,7 @@ class PyAMG(Iterative):
     Parameters
     ----------
     forcing, max_iterations
-        As for ``PETSc``.
+        As for ``PETSc``; a ``forcing`` of None is 3e-3.
 
     Raises
     ------
