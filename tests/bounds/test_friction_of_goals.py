@@ -41,8 +41,9 @@ def dragged(order=1, friction=0.3 + 0.2 * x, yield_stress=1.25):
     )
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("friction", [0.3 + 0.2 * x, 0.02, 2.0])
+@pytest.mark.parametrize(
+    ("friction", "order"), [(0.3 + 0.2 * x, 1), (0.3 + 0.2 * x, 2), (0.02, 2), (2.0, 1)]
+)
 def test_fine_goals_are_in_the_intervals(order, friction):
     """Where some nodes slip, all slip, or all stick."""
     result = semismooth_newton(dragged(order, friction))

@@ -19,7 +19,7 @@ CHOSEN = [
     (3, "springs", 3),
     (4, "springs, order 2", 1),
     (5, "springs, solid", 1),
-    (4, "quadrilaterals", 3),
+    (4, "quadrilaterals", 2),
     (8, "quadrilaterals, order 2", 2),
     (2, "two bodies", 3),
     (3, "two bodies, order 2", 2),

@@ -113,8 +113,10 @@ def test_slopes_enclose_differences(name):
         assert 0.2 * exact <= bound <= exact * (1 + 1e-4)
 
 
-@pytest.mark.parametrize("name", RATES)
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    ("order", "name"),
+    [(1, name) for name in RATES] + [(2, name) for name in RATES if name != "own"],
+)
 def test_energies_and_goals_of_finer_meshes(name, order):
     problem = pulled(RATES[name], order)
     result = semismooth_newton(problem)

@@ -62,8 +62,18 @@ def strip(width):
     return IfPos(x - 0.29 + half, IfPos(0.29 + half - x, 1 / width, 0.0), 0.0)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    ("shape", "order"),
+    [
+        ("triangles", 1),
+        ("triangles", 2),
+        ("quadrilaterals", 1),
+        ("quadrilaterals", 2),
+        ("tetrahedra", 1),
+        ("hexahedra", 2),
+        ("prisms", 1),
+    ],
+)
 def test_narrow_loads_are_not_missed(shape, order):
     """Cells of width 1/2, most of whose rules have no point in the strip."""
     mesh = SHAPES[shape]()

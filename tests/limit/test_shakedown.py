@@ -225,8 +225,7 @@ def test_solids_and_obstacles_are_refused_by_name():
 
 
 @pytest.mark.parametrize(
-    ("count", "kinematics"),
-    [(2, "plane strain"), (2, "plane stress"), (3, "plane strain")],
+    ("count", "kinematics"), [(2, "plane strain"), (2, "plane stress")]
 )
 def test_estimates_do_not_exceed_the_limit_load(count, kinematics):
     """On a few triangles elastic stresses are too small: then bounds of the limit load count.

@@ -77,8 +77,15 @@ SHELLS = {  # N, pressure, gap, mesh widths, bounds for the relative errors on t
 }
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", SHELLS)
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        (name, method)
+        for name, (N, *_) in SHELLS.items()
+        for method in METHODS
+        if N == 2 or method == "dual"
+    ],
+)
 def test_pressed_shells_are_approximated_at_second_order(name, method):
     N, pressure, gap, widths, bound = SHELLS[name]
     exact = PressedShell(material=STEEL, N=N, pressure=pressure, gap=gap)
