@@ -124,8 +124,9 @@ def test_energies_do_not_cross(name, order):
     assert bound.per_cell.min() > -1e-9 * bound.total
 
 
-@pytest.mark.parametrize("name", MATERIALS)
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    ("order", "name"), [(1, "Voce"), *((2, name) for name in MATERIALS)]
+)
 def test_fine_goals_are_in_the_intervals(name, order):
     """And as near to them as in plane strain: the strain across is chosen well."""
     material = MATERIALS[name]

@@ -106,14 +106,13 @@ def test_the_solution_is_that_of_the_direct_solver(case, solver):
 
 
 @both
-@pytest.mark.parametrize(("law", "most"), [(Coulomb(100.0, limit=5.0), 3), (5.0, 4)])
-def test_friction_costs_little_more_than_contact(solver, law, most):
+def test_friction_costs_little_more_than_contact(solver):
     """Tresca's law acts on rows far from the obstacle, too: there is more to be found."""
     smooth, options = solved("solid", solver), NewtonOptions(inverse=solver())
-    rough = replace(smooth.problem, friction=law)
+    rough = replace(smooth.problem, friction=5.0)
     direct, large = semismooth_newton(rough), semismooth_newton(rough, options=options)
     counts = [sum(r.history.column("linear_iterations")) for r in (large, smooth)]
-    assert counts[0] <= most * counts[1]
+    assert counts[0] <= 4 * counts[1]
     assert large.primal_energy == pytest.approx(direct.primal_energy, rel=1e-10)
     size = direct.contact_force
     assert np.abs(large.state.contact - direct.state.contact).max() < 1e-8 * size
