@@ -5,18 +5,16 @@ from __future__ import annotations
 from ngepc.local import petsc, pyamg
 from ngepc.local.iterative import Iterative
 from ngepc.local.system import DiscreteProblem
-from ngepc.model.elements import has_straight_simplices
 
 DIRECT = "sparsecholesky"
 
 MOST_BY_FACTORS = 3500
-MOST_BY_FACTORS_DENSE = 7000
-"""Free components of displacements up to which factors are faster in three dimensions, as measured;
-the second number is for elements of order 2 that are no tetrahedra, whose rows are long."""
+"""Free components of displacements up to which factors are faster in three dimensions, as measured
+by ``benchmarks/test_solvers.py``."""
 
-MOST_BY_FACTORS_COULOMB = 4500
-"""The same for tetrahedra with Coulomb's friction, whose search for other equilibria has many
-solves."""
+MOST_BY_FACTORS_ORDER_ONE = 4500
+"""The same for elements of order 1, whose multigrid needs more iterations, and with Coulomb's
+friction, whose search for other equilibria has many solves."""
 
 MOST_BY_FACTORS_TRESCA = 1000
 """The same with Tresca's friction, under which the forces of all contact rows are unknowns."""
@@ -52,12 +50,9 @@ def most_by_factors(body: DiscreteProblem) -> float:
     problem = body.problem
     if body.contact.friction.given.any():
         return MOST_BY_FACTORS_TRESCA
-    dense = problem.order == 2 and not has_straight_simplices(problem.mesh)
     most = MOST_BY_FACTORS
-    if body.contact.friction.d:
-        most = MOST_BY_FACTORS_COULOMB
-    if dense:
-        most = MOST_BY_FACTORS_DENSE
+    if problem.order == 1 or body.contact.friction.d:
+        most = MOST_BY_FACTORS_ORDER_ONE
     stiffest = float((body.law.bulk / body.law.two_mu).max())
     return most * max(1.0, stiffest) ** (1 / 3)
 

@@ -31,7 +31,7 @@ def test_large_solids_take_multigrid(friction, monkeypatch):
     """The same solution, whatever was chosen, and the result says what."""
     monkeypatch.setattr(choice, "MOST_BY_FACTORS", 500)
     monkeypatch.setattr(choice, "MOST_BY_FACTORS_TRESCA", 500)
-    monkeypatch.setattr(choice, "MOST_BY_FACTORS_COULOMB", 500)
+    monkeypatch.setattr(choice, "MOST_BY_FACTORS_ORDER_ONE", 500)
     problem = cube(6, friction=friction)
     chosen = semismooth_newton(problem)
     tresca = friction == 5.0
@@ -48,7 +48,7 @@ def test_factors_take_the_place_of_multigrid_that_gives_up(monkeypatch):
     def fails(*args):
         raise FactorisationError("no")
 
-    monkeypatch.setattr(choice, "MOST_BY_FACTORS", 500)
+    monkeypatch.setattr(choice, "MOST_BY_FACTORS_ORDER_ONE", 500)
     monkeypatch.setattr(IterativeTangent, "minimise", fails)
     result = semismooth_newton(cube(6))
     assert result.status.label == "converged"

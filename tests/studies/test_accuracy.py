@@ -78,7 +78,6 @@ def test_nodes_and_edges_of_a_boundary():
     [
         ("Cook's membrane", False, 1e-3),
         ("plastic hinge, 3D", False, 5e-3),
-        ("first steps, punch", False, 2e-3),
     ],
 )
 def test_two_programs_agree(case, bricks, tolerance):
