@@ -75,10 +75,7 @@ def test_nodes_and_edges_of_a_boundary():
 @needs_ccx
 @pytest.mark.parametrize(
     ("case", "bricks", "tolerance"),
-    [
-        ("Cook's membrane", False, 1e-3),
-        ("plastic hinge, 3D", False, 5e-3),
-    ],
+    [("Cook's membrane", False, 1e-3), ("plastic hinge, 3D", False, 5e-3)],
 )
 def test_two_programs_agree(case, bricks, tolerance):
     """The same quadratic simplices; one increment here, some there."""
