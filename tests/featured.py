@@ -83,7 +83,7 @@ def two_squares():
     for body, maxh in ((lower, 0.6), (upper, 0.4)):
         body.edges.name = "side"
         body.faces.maxh = maxh
-        body.edges.Max(X).name = "right"
+    upper.edges.Max(X).name = "right"
     lower.edges.Max(Y).name = "below"
     lower.edges.Min(Y).name = "clamped"
     upper.edges.Min(Y).name = "above"

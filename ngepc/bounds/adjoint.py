@@ -16,15 +16,24 @@ from typing import Any
 
 import numpy as np
 
-from ngepc.bounds.contact import BUBBLE, LEVEL, NORMAL_PASSES
-from ngepc.bounds.data import AdjointStress, BoundData, factorise, spring_energy
+from ngepc.bounds.contact import BUBBLE, NORMAL_PASSES
+from ngepc.bounds.data import (
+    AdjointStress,
+    BoundData,
+    factorise,
+    spring_energy,
+    without_weak_springs,
+)
 from ngepc.bounds.goal_terms import GoalTerms
+from ngepc.bounds.held import RigidWorks, limited_pressure
 from ngepc.bounds.supremum import dots
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.secants import Compliance
 from ngepc.local.system import State
 
 TOUCHES = 1e-10  # fraction of the largest force of a row above which it presses
+UNBALANCED = 1e-8
+"""Works on rigid motions relative to the sum of the forces that count as zero."""
 HOLDS = 20  # largest number of passes until no more rows are held
 LOOSEST = 1e-4
 HELD = 0.1
@@ -36,6 +45,8 @@ of the square of their error, relative to the largest displacement.
 UNMOVED = 1e-5
 """Tolerance of equilibrium, relative to the forces that hold the displacements."""
 ROUNDING = 1e-10  # tolerance of the conditions before a node is changed
+VIOLATED = 1e-6
+"""The largest violation of the conditions that is left; intervals are widened by it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +120,8 @@ class AdjointConditions:
             mismatch = self.mismatch(goal, z)[:, :N]
             most = factor * self.slack[:, :N]
             beyond = mismatch - np.clip(mismatch, -most, most)
-            if np.abs(beyond).max(initial=0.0) <= rounding * (
-                1 + np.abs(mismatch).max(initial=0)
-            ):
+            rounded = rounding * self.scale(goal, z)
+            if np.abs(beyond).max(initial=0.0) <= rounded:
                 break
             for end in range(N):
                 mismatch = self.mismatch(goal, z)[:, end]
@@ -119,9 +129,8 @@ class AdjointConditions:
                 more = mismatch - np.clip(mismatch, -most, most)
                 # the facets around a vertex have different conditions: one that is
                 # satisfied but for rounding must not undo what another one asks for
-                rounded = rounding * (1 + np.abs(mismatch).max(initial=0.0))
                 more[np.abs(more) <= rounded] = 0.0
-                self._raise(z, contact.nodes[:, end], more, 1.0)
+                contact.shift(z, end, more, 1.0)
         if self.bound_data.problem.order == 2:
             self._repair_edges(goal, z, factor, rounding)
         return z, self.least(goal, z, factor)
@@ -132,15 +141,15 @@ class AdjointConditions:
         """Change z at edges until the conditions hold between the vertices."""
         contact = self.bound_data.contact
         N = self.bound_data.cells.N
+        rounded = rounding * self.scale(goal, z)
         for _ in range(NORMAL_PASSES):
             most = 0.0
-            size = np.abs(self.mismatch(goal, z)).max(initial=0.0)
             for k in range(contact.nodes.shape[1] - N):
                 low, high = self._middles(goal, z, factor)
                 middle = contact.edge_coefficients(self.mismatch(goal, z))
                 more = (middle - np.clip(middle, low, np.maximum(low, high)))[:, k]
-                more[np.abs(more) <= rounding * (1 + size)] = 0.0
-                self._raise(z, contact.nodes[:, N + k], 2 * more, BUBBLE)
+                more[np.abs(more) <= rounded] = 0.0
+                contact.shift(z, N + k, 2 * more, BUBBLE)
                 most = max(most, np.abs(more).max(initial=0.0))
             if most == 0.0:
                 break
@@ -148,21 +157,9 @@ class AdjointConditions:
     def mismatch(self, goal: GoalTerms, z: np.ndarray) -> np.ndarray:
         """c - z . n at ``ContactFacets.nodes``, shape (facets, nodes)."""
         contact = self.bound_data.contact
-        mismatch = -np.einsum("eac,ec->ea", z[contact.nodes], contact.normal)
+        mismatch = -contact.along(z)
         mismatch[:, : self.bound_data.cells.N] += goal.factor[:, None]
         return mismatch
-
-    def _raise(
-        self, z: np.ndarray, nodes: np.ndarray, amount: np.ndarray, value: float
-    ) -> None:
-        """Increase z . n at nodes of facets by an amount (facets,) where supports allow it."""
-        contact = self.bound_data.contact
-        free = self.bound_data.discrete.supports.free[nodes]
-        n = np.where(free, contact.normal, 0.0)
-        square = np.einsum("ec,ec->e", n, n)
-        there = (amount != 0) & (square > LEVEL)
-        share = amount[there] / square[there] / value
-        z[nodes[there]] += n[there] * share[:, None]
 
     def _middles(
         self, goal: GoalTerms, z: np.ndarray, factor: float
@@ -183,20 +180,31 @@ class AdjointConditions:
         low = -middle - np.sqrt(below.prod(axis=1))[:, None]
         return low, high
 
-    def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
-        """``factor`` if the conditions hold up to rounding, else infinity."""
+    def scale(self, goal: GoalTerms, z: np.ndarray) -> float:
+        """The size of the terms of the conditions."""
+        contact = self.bound_data.contact
+        largest = np.abs(z[contact.nodes]).max(initial=0.0)
+        return float(np.abs(goal.factor).max(initial=0.0) + largest)
+
+    def violation(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
+        """By how much the conditions are violated, a bound of the largest |c - z . n| - lambda gap.
+
+        Slacks at vertices that are negative because of rounding count as zero.
+        """
         N = self.bound_data.cells.N
         mismatch = self.mismatch(goal, z)
-        size = ROUNDING * (1 + np.abs(mismatch).max(initial=0.0)) * 10
         missed = np.abs(mismatch[:, :N]) - factor * self.slack[:, :N]
-        if missed.max(initial=0.0) > size:
-            return np.inf
+        worst = missed.max(initial=0.0)
         if self.bound_data.problem.order == 2 and len(mismatch):
             low, high = self._middles(goal, z, factor)
             middle = self.bound_data.contact.edge_coefficients(mismatch)
-            if max((low - middle).max(), (middle - high).max()) > size:
-                return np.inf
-        return factor
+            worst = max(worst, (low - middle).max(), (middle - high).max())
+        return float(worst)
+
+    def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
+        """``factor`` if the conditions hold up to rounding, else infinity."""
+        allowed = VIOLATED * self.scale(goal, z)
+        return factor if self.violation(goal, z, factor) <= allowed else np.inf
 
 
 class AdjointProblem(AdjointConditions):
@@ -218,8 +226,7 @@ class AdjointProblem(AdjointConditions):
         compliance: Compliance | None = None,
     ) -> None:
         slack = bound_data.contact.slack(state.u)
-        N = bound_data.cells.N
-        slack[:, :N] = np.maximum(slack[:, :N], 0.0)
+        self.penetration = bound_data.contact.lift(slack)
         super().__init__(bound_data, slack)
         self.state = state
         self.P = P
@@ -249,6 +256,10 @@ class AdjointProblem(AdjointConditions):
         elif search is None:
             search = bound_data.search(state)
         self._search = search
+        self._motions = bound_data.discrete.floating.motions
+        self._works: RigidWorks | None = None
+        if self._motions.shape[2]:
+            self._works = RigidWorks(bound_data.contact, self._motions)
 
     def held(self, start: Held, chosen: np.ndarray, values: np.ndarray) -> Held:
         """``start`` with other forces of the ``chosen`` rows (as booleans), which have ``values``.
@@ -289,7 +300,21 @@ class AdjointProblem(AdjointConditions):
         wanted = np.zeros(self._rows.shape[0])
         wanted[: self._normals] = self.of_rows(goal)
         wanted -= self._rows @ lift.ravel()
-        return Start(goal, forces, lift, wanted, self.pressed_rows(forces, wanted))
+        start = Start(goal, forces, lift, wanted, self.pressed_rows(forces, wanted))
+        self._check_held(start)
+        return start
+
+    def _check_held(self, start: Start) -> None:
+        """Refuse loads of goals that no contact pressure of floating parts can balance."""
+        if self._works is None:
+            return
+        wanted = self.rigid_works(start)
+        found = self.P * self._works.change(self.P, wanted)
+        left = np.abs(wanted - self._works.of(found)).max()
+        if left > UNBALANCED * np.abs(start.forces).sum():
+            raise ValueError(
+                f"goal={start.goal.name}: a motion that contact does not prevent changes it"
+            )
 
     def pressed_rows(self, forces: np.ndarray, wanted: np.ndarray) -> Held:
         """The solution for forces (nodes, N) with values of the active rows alone."""
@@ -319,10 +344,28 @@ class AdjointProblem(AdjointConditions):
             )
             return replace(of_lower, z=z, energy=energy, least=least)
         pi, rho = self._pressed(start, factor)
-        pi = np.clip(pi, -factor * self.P, factor * self.P)
+        most = factor * self.P
+        pi = np.clip(pi, -most, most)
+        if self._works is not None:
+            balanced = limited_pressure(self._works, pi, most, self.rigid_works(start))
+            if balanced is None:
+                none = np.empty(0)
+                return Adjoint(z, none, pi, math.inf, math.inf, none, rho)
+            pi = balanced
         z, least = self.repaired(goal, z, factor)
         stress, sprung, energy = self.balanced_stress(start, z, pi, rho)
         return Adjoint(z, stress, pi, energy, least, sprung, rho)
+
+    def answer(self, forces: np.ndarray) -> np.ndarray:
+        """Displacements that answer forces (nodes, N); without the weak springs of the tangent."""
+        discrete = self.bound_data.discrete
+        if discrete.floating.centres:
+            return without_weak_springs(discrete, self.tangent, forces)
+        return self.tangent.solve(forces)
+
+    def rigid_works(self, start: Start) -> np.ndarray:
+        """The works of the goal's load on the motions of floating parts, (motions,)."""
+        return np.einsum("ni,nik->k", start.forces, self._motions)
 
     def admits(self, goal: GoalTerms, adjoint: Adjoint, factor: float) -> bool:
         """Whether the conditions hold for another lambda."""
@@ -420,14 +463,13 @@ class AdjointProblem(AdjointConditions):
         contact = bound_data.contact
         moments, carried = goal.carried(bound_data)
         moments = moments.copy()
-        N = bound_data.cells.N
-        pushed = contact.moments(pi[:, :, None] * contact.normal[:, None] + rho)
-        moments[bound_data.boundary.contact] -= pushed[:, :N]
         forces = start.forces.copy()
-        np.subtract.at(forces, contact.nodes, pushed)
+        pushed = contact.moments(pi[:, :, None] * contact.normal[:, None] + rho)
+        contact.subtract(pushed, moments, forces)
+        N = bound_data.cells.N
         other = copy(bound_data)
         other.carried = carried
-        near = self.tangent.solve(forces) + start.lift
+        near = self.answer(forces) + start.lift
         other.patches = copy(bound_data.patches)
         length = bound_data.cells.measure.max() ** (1 / (N - 1))
         stiff = discrete.law.bulk.max() * length ** (N - 2)

@@ -117,9 +117,13 @@ class Boundary(OuterFacets):
         self._read_pairs()
 
     def contact_of(self, names: Sequence[str]) -> np.ndarray:
-        """The contact facets on some boundaries, as booleans."""
-        on = np.isin(self._name, list(self.problem.contact_names))
-        return np.isin(self._name, list(names))[on]
+        """The contact facets on some boundaries, as booleans; in pairs on one of both sides."""
+        chosen = np.zeros(len(self.cells.facets), dtype=bool)
+        chosen[self.facet] = np.isin(self._name, list(names))
+        on = chosen[self.contact]
+        facing = self.cells.facets_between(self.opposite)
+        on[len(on) - len(facing) :] |= chosen[facing]
+        return on
 
     def _held(self) -> np.ndarray:
         """Components that are prescribed by a support, shape (boundary elements, N)."""

@@ -145,6 +145,29 @@ class ContactFacets:
         ends = np.array(OF_FACET[self.N])
         return slack[:, ends].mean(axis=2) + BUBBLE / 2 * slack[:, self.N :]
 
+    def least_coefficients(self, slack: np.ndarray, edge: int) -> np.ndarray:
+        """The least Bernstein coefficients of an edge with which nothing penetrates, (facets,).
+
+        A parabola with end values a, b >= 0 is nonnegative if its middle coefficient is at least
+        -(a b)^(1/2); a quadratic function on a triangle, if all coefficients are >= 0.
+        """
+        if self.N == 3:
+            return np.zeros(len(slack))
+        ends = np.array(OF_FACET[2][edge])
+        return -np.sqrt(np.maximum(slack[:, ends].prod(axis=1), 0.0))
+
+    def lift(self, slack: np.ndarray) -> float:
+        """Raise a slack at ``nodes`` until it is nonnegative; the largest change (length)."""
+        N = self.N
+        most = -float(slack[:, :N].min(initial=0.0))
+        slack[:, :N] = np.maximum(slack[:, :N], 0.0)
+        for k in range(slack.shape[1] - N):
+            missing = self.least_coefficients(slack, k)
+            missing = np.maximum(missing - self.edge_coefficients(slack)[:, k], 0.0)
+            slack[:, N + k] += 2 * missing / BUBBLE
+            most = max(most, float(missing.max(initial=0.0)))
+        return most
+
     def cleared(self, u: np.ndarray) -> np.ndarray:
         """Nodal displacements near ``u`` that satisfy supports and do not penetrate the obstacle.
 
@@ -157,7 +180,7 @@ class ContactFacets:
             if not stuck:
                 break
             for end in range(self.N):
-                self._lower(u, end, -self.slack(u)[:, end], 1.0)
+                self.shift(u, end, np.minimum(self.slack(u)[:, end], 0.0), 1.0)
         if self.problem.order == 2 and not stuck:
             stuck = self._edges_cleared(u)
         if stuck:
@@ -167,34 +190,28 @@ class ContactFacets:
         return u
 
     def _edges_cleared(self, u: np.ndarray) -> bool:
-        """Lower u at the edges where it penetrates the obstacle; True if supports prevent that.
-
-        A parabola with end values a, b >= 0 is nonnegative if its middle Bernstein coefficient is
-        at least -(a b)^(1/2); a quadratic function on a triangle, if all coefficients are >= 0.
-        """
+        """Lower u at the edges where it penetrates the obstacle; True if supports prevent that."""
         rounding = CLEAR * np.abs(u).max(initial=0.0)
         for _ in range(NORMAL_PASSES):
             most = 0.0
-            for k, (i, j) in enumerate(OF_FACET[self.N]):
+            for k in range(len(OF_FACET[self.N])):
                 slack = self.slack(u)
-                lowest = np.zeros(len(slack))
-                if self.N == 2:
-                    lowest = -np.sqrt(np.maximum(slack[:, i] * slack[:, j], 0.0))
+                lowest = self.least_coefficients(slack, k)
                 excess = 2 * (lowest - self.edge_coefficients(slack)[:, k])
-                if self._lower(u, self.N + k, excess, BUBBLE):
+                if self.shift(u, self.N + k, -np.maximum(excess, 0.0), BUBBLE):
                     return True
                 most = max(most, excess.max(initial=0.0))
             if most <= rounding:
                 return False
         return True
 
-    def _lower(
-        self, u: np.ndarray, column: int, excess: np.ndarray, value: float
+    def shift(
+        self, u: np.ndarray, column: int, amount: np.ndarray, value: float
     ) -> bool:
-        """Lower u . n by a positive excess (facets,); True if supports prevent that somewhere.
+        """Increase u . n by an amount (facets,); True if supports prevent that somewhere.
 
         A unit change of the unknowns of a column of ``nodes`` changes u . n by ``value``.  At a
-        node of several facets the largest excess is taken, so that the gap of each facet is kept.
+        node of several facets the largest amount is taken, so that the gap of each facet is kept.
         Of two bodies both move, if supports allow that.
         """
         free = self.discrete.supports.free
@@ -205,17 +222,17 @@ class ContactFacets:
         facing = self.opposite[:, column]
         other[self.paired] = np.where(free[facing], self.normal[self.paired], 0.0)
         square += np.einsum("ec,ec->e", other, other)
-        deep = np.flatnonzero((excess > 0) & (square > LEVEL))
-        forbidden = np.count_nonzero(excess > 0) > len(deep)
-        deep = deep[np.argsort(excess[deep], kind="stable")]
-        length = (excess[deep] / square[deep] / value)[:, None]
-        moved = u[nodes[deep]] - length * n[deep]
-        u[nodes[deep]] = moved  # the last of equal nodes is kept
+        changed = np.flatnonzero((amount != 0) & (square > LEVEL))
+        forbidden = np.count_nonzero(amount) > len(changed)
+        changed = changed[np.argsort(np.abs(amount[changed]), kind="stable")]
+        length = (amount[changed] / square[changed] / value)[:, None]
+        moved = u[nodes[changed]] + length * n[changed]
+        u[nodes[changed]] = moved  # the last of equal nodes is kept
         first = len(self.nodes) - len(facing)
-        length = length[deep >= first]
-        deep = deep[deep >= first]
-        moved = u[facing[deep - first]] + length * other[deep]
-        u[facing[deep - first]] = moved
+        length = length[changed >= first]
+        changed = changed[changed >= first]
+        moved = u[facing[changed - first]] - length * other[changed]
+        u[facing[changed - first]] = moved
         return forbidden
 
     def pressure(self, multipliers: np.ndarray) -> np.ndarray:

@@ -32,8 +32,12 @@ from ngepc.local.system import DiscreteProblem, State
 # tolerance of equilibrium relative to the largest nodal force, and the most corrections
 BALANCED = 1e-12
 PASSES = 2
-FLOATING_STEPS = 50
+FLOATING_STEPS = 20
 """Most steps of conjugate gradients where parts float."""
+REDUCED = 1e-10
+"""Their tolerance: rounding errors move the parts in longer runs."""
+SPRING_PASSES = 30
+"""Most solves after them, until weak springs carry no more than rounding errors."""
 UNSTRAINED = 1e-8
 """Strain whose forces are the smallest scale for residuals of equilibrium."""
 
@@ -271,14 +275,14 @@ def balanced_stress(
     moved = np.zeros_like(state.u)
     z = stress_coordinates(*discrete.law.stress(state.at))
     forces = state.internal_forces
-    for _ in range(PASSES):
+    for _ in range(1 if floating.centres else PASSES):
         missing = np.where(discrete.free, load - forces, 0)
         allowed = BALANCED * np.abs(forces).max()
         if np.abs(missing).max() <= allowed:
             break
         factorise(state, tangent)
         if floating.centres:
-            change = without_weak_springs(discrete, tangent, missing, allowed)
+            change = without_weak_springs(discrete, tangent, missing)
         else:
             change = tangent.solve(missing)
         moved = moved + change
@@ -288,35 +292,39 @@ def balanced_stress(
 
 
 def without_weak_springs(
-    discrete: DiscreteProblem, tangent: Factors, forces: np.ndarray, allowed: float
+    discrete: DiscreteProblem, tangent: Factors, forces: np.ndarray
 ) -> np.ndarray:
     """Displacements that answer nodal forces (nodes, N), in balance on floating parts.
 
-    The weak springs that the tangent has on these parts are left out, by conjugate gradients.  They
-    stop at an ``allowed`` residual (force): beyond it rounding errors move the parts.
+    The weak springs that the tangent has on these parts are left out, by conjugate gradients, which
+    also converge where the springs are as stiff as a part that yields.  In the end what springs
+    still carry is given back to the body until only rounding errors are left.  Rigid motions of the
+    parts are arbitrary.
     """
     free = discrete.free
     springs = discrete.floating.springs
 
-    def stiffness(u: np.ndarray) -> np.ndarray:
-        """The tangent without the springs times displacements, both flat."""
-        u = u.reshape(free.shape)
-        return np.where(free, tangent.multiply(u) - springs * u, 0.0).ravel()
-
-    def preconditioned(r: np.ndarray) -> np.ndarray:
-        """The answer of the tangent with springs, both flat."""
-        return tangent.solve(r.reshape(free.shape)).ravel()
+    def held(u: np.ndarray) -> np.ndarray:
+        """The forces of the tangent without the springs at displacements (nodes, N)."""
+        return np.where(free, tangent.multiply(u) - springs * u, 0.0)
 
     shape = 2 * (free.size,)
-    found, _ = cg(
-        LinearOperator(shape, matvec=stiffness),
-        forces.ravel(),
-        rtol=0.0,
-        atol=allowed,
-        maxiter=FLOATING_STEPS,
-        M=LinearOperator(shape, matvec=preconditioned),
+    K = LinearOperator(shape, matvec=lambda u: held(u.reshape(free.shape)).ravel())
+    M = LinearOperator(
+        shape, matvec=lambda r: tangent.solve(r.reshape(free.shape)).ravel()
     )
-    return found.reshape(free.shape)
+    wanted = np.where(free, forces, 0.0)
+    found, _ = cg(K, wanted.ravel(), rtol=REDUCED, maxiter=FLOATING_STEPS, M=M)
+    found = found.reshape(free.shape)
+    before = np.inf
+    for _ in range(SPRING_PASSES):
+        missing = wanted - held(found)
+        left = np.abs(missing).max(initial=0.0)
+        if left >= before:
+            break
+        before = left
+        found = found + tangent.solve(missing)
+    return found
 
 
 def spring_energy(discrete: DiscreteProblem, u: np.ndarray) -> float:

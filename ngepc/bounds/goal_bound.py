@@ -15,7 +15,8 @@ Then
     S = sup over e of  tau^ : e - eps(z) : (s(eps_h + e) - s(eps_h))
                        - lambda e : (s(eps_h + e) - sigma^).
 
-The lower bound is the same with -z, -tau^, -pi^ and -c.  ``docs/goal_bound.md`` has the proof.
+The lower bound is the same with -z, -tau^, -pi^ and -c.  For two bodies u . n and z . n are the
+jumps of these.  ``docs/goal_bound.md`` has the proof.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_terms import GoalTerms, terms_of
 from ngepc.bounds.integrand import BoundPart, Integrand, VaryingIntegrand
 from ngepc.bounds.quadrilaterals import on_simplices
+from ngepc.bounds.transfer import on_matching
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import at_most_percent, outward
 from ngepc.discretisation.factors import Factors
@@ -45,7 +47,6 @@ from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem
 
 COVERS = BOUNDED - {"anisotropic yield", "cyclic hardening"}
-COVERS -= {"two bodies", "held by contact"}
 """Features that goal bounds cover."""
 
 STEP = 1.3
@@ -60,6 +61,13 @@ REBUILDS = 2
 LARGEST = 1e12
 ROUNDING = 1e-12
 """Part of the works in an interval by which it is widened, for rounding errors."""
+SUPREMA = 1e-14
+"""The same for lambda times the strain energy, which the suprema are differences of."""
+LEAST = 1e-13
+"""The least error bound that lambda is chosen for, relative to the strain energy."""
+EPS = 1e-15
+"""Rounding errors of the conditions on contact, relative to their terms."""
+RESULTANT = 2.0
 FIRST = 1.1
 """The first lambda over (E_z/E)^(1/2) (E/B)^(1/3), with the energies of adjoint and result.
 
@@ -155,6 +163,14 @@ class GoalBound:
         result.vec.FV().NumPy()[:] = self.per_cell
         return result
 
+    def on(self, problem: Problem, parents: np.ndarray) -> GoalBound:
+        """The same with contributions of the elements of a problem, which ``parents`` names."""
+        count = problem.mesh.ne
+        of_bound = np.bincount(parents, self.bound.per_cell, minlength=count)
+        bound = replace(self.bound, per_cell=of_bound, given=problem)
+        per_cell = np.bincount(parents, self.per_cell, minlength=count)
+        return replace(self, bound=bound, per_cell=per_cell)
+
     @property
     def kind(self) -> str:
         """'guaranteed' or 'not proved'."""
@@ -207,12 +223,15 @@ class GoalProblem:
 
     def __init__(self, result: ExactResult) -> None:
         check_goals(result.problem)
-        result = on_simplices(result)
+        given = on_simplices(result)
+        result, parents = on_matching(given)
         bound_data = bound_data_of(result.discrete)
         tangent = Factors(bound_data.discrete, "sparsecholesky")
         state = state_of(bound_data.discrete, result)
         bound, search = bound_and_search(bound_data, state, tangent)
         self._take(bound_data, bound, tangent, search)
+        if parents is not None:
+            self._copied = given.problem, parents
 
     @classmethod
     def of_bound(
@@ -250,6 +269,7 @@ class GoalProblem:
                 f"{names}: a goal bound needs a body force that is constant on elements and "
                 "tractions that are affine"
             )
+        self._copied: tuple[Problem, np.ndarray] | None = None
         self.bound_data = bound_data
         self.bound = bound
         self._adjoints = AdjointProblem(
@@ -282,7 +302,8 @@ class GoalProblem:
         first = FIRST * math.sqrt(self._adjoints.energy(start) / energy) or 1.0
         first *= (energy / max(self.bound.total, 1e-12 * energy)) ** (1 / 3)
         best = self._best(start, first if near is None else near)
-        return self._interval(terms, best, discrete)
+        found = self._interval(terms, best, discrete)
+        return found if self._copied is None else found.on(*self._copied)
 
     def _best(self, start: Start, factor: float) -> Candidate:
         """The best lambda and its adjoint, from a lambda near the best.
@@ -292,7 +313,7 @@ class GoalProblem:
         falls like 1/lambda.  So 2 A lambda/B is the third power of the best one.
         """
         best = found = self._candidate(start, factor)
-        error = self.bound.total
+        error = max(self.bound.total, LEAST * self.bound.strain_energy)
         if not (found.adjoint.energy > 0 and error > 0):
             return self._climbed(start, best)
         wanted = math.sqrt(found.adjoint.energy / error)
@@ -382,11 +403,7 @@ class GoalProblem:
             np.vdot(self.bound_data.discrete.supports.pull(state.u), adjoint.z)
         )
         centre += float(contact.opening(state.u, adjoint.pressure).sum())
-        rounding = ROUNDING * float(
-            np.vdot(np.abs(self.bound_data.discrete.load), np.abs(adjoint.z))
-            + np.vdot(np.abs(state.internal_forces), np.abs(adjoint.z))
-            + abs(discrete)
-        )
+        rounding = self._rounding(terms, chosen, discrete)
         above, below = chosen.integrand.bounds(chosen.factor)
         per_cell = (above + below) / 2
         per_cell += np.bincount(contact.owner, opened, minlength=len(per_cell))
@@ -403,6 +420,26 @@ class GoalProblem:
             terms,
             terms.note,
         )
+
+    def _rounding(self, terms: GoalTerms, chosen: Candidate, discrete: float) -> float:
+        """By how much rounding errors widen the interval at each end.
+
+        Conditions that are violated by v change the proof by at most v times the resultant of the
+        pressure of the solution, taken to be at most ``RESULTANT`` times that of P^.
+        """
+        state = self.bound.state
+        factor = chosen.factor
+        z = np.abs(chosen.adjoint.z)
+        works = np.vdot(np.abs(self.bound_data.discrete.load), z)
+        works += np.vdot(np.abs(state.internal_forces), z) + abs(discrete)
+        missed = self._adjoints.violation(terms, chosen.adjoint.z, factor)
+        missed += factor * self._adjoints.penetration
+        sizes = self._adjoints.scale(terms, z) + factor * np.abs(state.u).max()
+        missed += EPS * sizes
+        P = self.bound.pressure[:, :, None]
+        force = self.bound_data.contact.moments(P)[:, : P.shape[1]].sum()
+        suprema = SUPREMA * factor * self.bound.strain_energy
+        return float(ROUNDING * works + suprema + RESULTANT * force * missed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,7 @@ class ContactForceOn(Declared):
     Parameters
     ----------
     boundary
-        Name of a contact boundary, or a pattern of several.
+        Name of a contact boundary, or a pattern of several.  Of two bodies: the boundary of either.
     """
 
     boundary: Text
@@ -156,7 +156,12 @@ class GoalTerms:
         value = float(np.vdot(self.forces(bound_data), state.u))
         if self.motion is not None:
             value -= float(np.vdot(self.motion, state.residual_force))
-        pressed = bound_data.contact.pressure(state.multipliers)
+        if not self.factor.any():
+            return value
+        forces = np.maximum(state.multipliers, 0.0)
+        if (self.factor == 1).all():
+            return value + float(forces.sum())
+        pressed = bound_data.contact.pressure(forces)
         moments = bound_data.contact.moments(pressed[:, :, None])
         pushed = moments[:, : bound_data.cells.N, 0].sum(axis=1)
         return value + float(self.factor @ pushed)

@@ -27,6 +27,7 @@ from ngepc.model.elements import vertex_coordinates
 from ngepc.model.material import Material
 from ngepc.model.own import MeshState
 from ngepc.model.problem import Problem
+from ngepc.results.outcome import History, Status
 
 HISTORY = ("initial_plastic_strain", "initial_hardening", "initial_accumulated")
 CARRIED = (*HISTORY, "initial_strain")
@@ -335,3 +336,18 @@ def forces_of_rows(discrete: DiscreteProblem, stress: np.ndarray) -> np.ndarray:
     forces = rows.between(stress) * rows.weights[:, None]
     dragged = np.einsum("mdc,mc->md", rows.tangents, forces[:, 1:])
     return np.concatenate([forces[:, 0], dragged.ravel()])[: len(discrete.contact)]
+
+
+def on_matching(result: ExactResult) -> tuple[ExactResult, np.ndarray | None]:
+    """The displacement of a result on a copy of its mesh that matches between two bodies.
+
+    The second result are the parents; the result itself and None where the mesh matches already.
+    """
+    found = with_matching(result.problem, None)
+    if found is None:
+        return result, None
+    check_carried(result.problem)
+    mesh, parents = found
+    discrete = discrete_on(result, mesh, parents)
+    state = carried_state(result, discrete, parents)
+    return ExactResult(state, Status.STOPPED, "", History()), parents

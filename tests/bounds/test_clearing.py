@@ -28,7 +28,7 @@ def lowered(normal, order, free=None):
     """A displacement after one pass over facets in some order, and whether it is stuck."""
     u = np.zeros((3, 3))
     contact = facets(normal[order], NODES[order], free)
-    stuck = ContactFacets._lower(contact, u, 0, EXCESS[order], 1.0)
+    stuck = ContactFacets.shift(contact, u, 0, -np.maximum(EXCESS[order], 0.0), 1.0)
     return u, stuck
 
 
@@ -73,7 +73,9 @@ def test_two_bodies_share_the_way(held):
         free[held, 2] = False
     u = np.zeros((3, 3))
     contact = facets(normal, np.array([1, 0]), free, opposite=[2])
-    assert not ContactFacets._lower(contact, u, 0, np.array([0.4, 0.6]), 1.0)
+    assert not ContactFacets.shift(
+        contact, u, 0, -np.maximum(np.array([0.4, 0.6]), 0.0), 1.0
+    )
     moved = {None: (-0.3, 0.3), 0: (0.0, 0.6), 2: (-0.6, 0.0)}[held]
     assert u[:, 2] == pytest.approx([moved[0], -0.4, moved[1]])
     assert (u[:, :2] == 0).all()

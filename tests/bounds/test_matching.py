@@ -1,7 +1,6 @@
 """Error bounds of two bodies that meet on a line, and of parts that contact alone holds."""
 
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -9,13 +8,23 @@ import pytest
 from campaigns.crossings import finer
 from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
-from netgen.occ import Compound, MoveTo, OCCGeometry, Rectangle, X, Y
+from netgen.occ import Compound, MoveTo, OCCGeometry, Rectangle
 from ngsolve import Mesh
+from stacked import (
+    ELASTIC,
+    LEFT,
+    PAIR,
+    TURNED,
+    YIELDING,
+    blocks,
+    named,
+    pressed,
+    pushed,
+)
 
 from ngepc import (
     Contact,
     Coulomb,
-    Material,
     Problem,
     confidence,
     error_bound,
@@ -27,58 +36,6 @@ from ngepc.bounds.bound import bound_data_of, bound_of
 from ngepc.bounds.matching import Interface, matched
 from ngepc.bounds.simplices import Simplices
 from ngepc.geometries import block
-
-ELASTIC = Material.kinematic(
-    lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1e2
-)
-YIELDING = replace(ELASTIC, yield_stress=1.25)
-PAIR = Contact("above", "below")
-TURNED = Contact("below", "above")
-LEFT = {"left": (0, None)}
-
-
-def named(body, maxh, bottom, top):
-    """A face with a mesh width and names of its lowest and highest edges."""
-    body.edges.name = "side"
-    body.faces.maxh = maxh
-    body.edges.Min(X).name = "left"
-    body.edges.Min(Y).name = bottom
-    body.edges.Max(Y).name = top
-    return body
-
-
-@cache
-def blocks(widths=(0.5, 0.3), start=0.5, gap=0.0):
-    """A unit square on a wider block; the nodes between them do not match."""
-    lower = named(Rectangle(2, 1).Face(), widths[0], "bottom", "below")
-    upper = MoveTo(start, 1 + gap).Rectangle(1, 1).Face()
-    upper = named(upper, widths[1], "above", "top")
-    return Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=1))
-
-
-def pressed(order=1, pair=PAIR, material=YIELDING, mesh=None, **data):
-    """The square pressed onto the block; in the vertical direction contact alone holds it."""
-    mesh = mesh or blocks()
-    load = {"top": (0, -1.0)}
-    return Problem(
-        mesh,
-        material,
-        "bottom",
-        load,
-        prescribed=LEFT,
-        contact=pair,
-        order=order,
-        **data,
-    )
-
-
-def pushed(order=1, pair=PAIR, material=YIELDING):
-    """The square pushed down and aside, after a small gap has closed."""
-    moved = {"top": (1e-3, -1.5e-3)}
-    mesh = blocks((0.35, 0.4), gap=5e-4)
-    return Problem(
-        mesh, material, "bottom", prescribed=moved, contact=pair, order=order
-    )
 
 
 def grids(shift, bodies=("lower", "upper")):

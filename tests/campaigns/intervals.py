@@ -17,6 +17,7 @@ from campaigns.random_problems import BODIES
 from ngepc import MeanDisplacement, Reaction, goal_bound, semismooth_newton, solve_to
 from ngepc.bounds.bound import bound_data_of
 from ngepc.bounds.goal_terms import terms_of
+from ngepc.bounds.transfer import on_mesh, with_matching
 from ngepc.bounds.verdicts import FINEST
 from ngepc.studies.work import Work
 
@@ -40,6 +41,8 @@ CHANGE = 0.01
 
 def goals_of(problem, draw):
     """Goals of a random problem, by name."""
+    if problem.contact_pairs:
+        return goals_of_bodies(problem)
     body = BODIES[draw.body]
     goals = {"work": "work"}
     if problem.clamped_names:
@@ -49,6 +52,27 @@ def goals_of(problem, draw):
     if problem.contact_names:
         goals["contact force"] = "contact_force"
     return goals
+
+
+def goals_of_bodies(problem):
+    """Goals of two blocks, by name."""
+    goals = {
+        "contact force": "contact_force",
+        "reaction": Reaction("bottom", 1),
+        "mean displacement": MeanDisplacement("side", 0),
+    }
+    if "top" in problem.tractions:
+        goals["work"] = "work"
+    return goals
+
+
+def fine_problem(problem):
+    """The problem with order two on bisected cells, which match where two bodies meet."""
+    problem = replace(problem, order=2)
+    matching = with_matching(problem, None)
+    if matching is not None:
+        problem = on_mesh(problem, *matching)
+    return finer(problem, FINER)
 
 
 def value_of(result, goal):
@@ -92,7 +116,7 @@ class Intervals(Work):
         """All intervals of one problem, and the fine values."""
         problem, draw = drawn(seed, kind, number)
         result = semismooth_newton(problem)
-        fine = semismooth_newton(finer(replace(problem, order=2), FINER))
+        fine = semismooth_newton(fine_problem(problem))
         found = []
         refused = ""
         for name, goal in goals_of(problem, draw).items():
