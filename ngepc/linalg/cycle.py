@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import bsr_matrix, csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
 from ngepc.linalg.cores import in_order
@@ -20,6 +20,13 @@ SWEEPS = 2
 
 LARGE = 10_000
 """Unknowns from which on products are split."""
+
+WITHOUT_PIVOTS = {
+    "permc_spec": "MMD_AT_PLUS_A",
+    "diag_pivot_thresh": 0.0,
+    "options": {"SymmetricMode": True},
+}
+"""Options of SuperLU for symmetric positive definite matrices."""
 
 Sweep = Callable[..., None]
 """The compiled loop of Gauss-Seidel's method.
@@ -56,6 +63,15 @@ def rows_of(matrix: csr_matrix, first: int, last: int) -> csr_matrix:
     return part
 
 
+def block_rows(matrix: bsr_matrix, first: int, last: int) -> bsr_matrix:
+    """Some block rows of a matrix."""
+    starts = matrix.indptr[first : last + 1]
+    entries = slice(starts[0], starts[-1])
+    arrays = (matrix.data[entries], matrix.indices[entries], starts - starts[0])
+    shape = (matrix.blocksize[0] * (last - first), matrix.shape[1])
+    return bsr_matrix(arrays, shape=shape)
+
+
 class Sweeps:
     """Sweeps of Gauss-Seidel's method in ascending order, in place."""
 
@@ -80,8 +96,8 @@ class Level:
     def __init__(
         self,
         matrix: csr_matrix,
-        space: csr_matrix,
-        restriction: csr_matrix,
+        space: csr_matrix | bsr_matrix,
+        restriction: csr_matrix | bsr_matrix,
         sweep: Sweep,
     ) -> None:
         self.matrix = Product(matrix)
@@ -108,20 +124,23 @@ def from_the_end(matrix: csr_matrix) -> csr_matrix:
 def level_and_coarser(
     make: Callable[..., Level],
     matrix: csr_matrix,
-    space: csr_matrix,
-    restriction: csr_matrix,
+    space: bsr_matrix,
+    restriction: bsr_matrix,
 ) -> tuple[Level, csr_matrix]:
     """A level by ``make(matrix, space, restriction)``, and the matrix of the next coarser one.
 
-    Large matrices are multiplied in two halves of the coarse rows, by threads if there are any.
+    Products of small blocks take a third of the time of those of single numbers.  Large matrices
+    are multiplied in two halves of the coarse rows, by threads if there are any.
     """
-    count = restriction.shape[0]
+    size = space.blocksize[0]
+    blocks = matrix.tobsr((size, size))
+    count = len(restriction.indptr) - 1
     middle = count // 2 if matrix.shape[0] >= LARGE else count
     ends = [(0, middle), (middle, count)] if middle < count else [(0, count)]
 
     def product(first: int, last: int) -> csr_matrix:
-        """Some rows of the coarser matrix."""
-        return (rows_of(restriction, first, last) @ matrix @ space).tocsr()
+        """The rows of the coarser matrix that belong to some block rows."""
+        return (block_rows(restriction, first, last) @ blocks @ space).tocsr()
 
     work = [partial(product, *pair) for pair in ends]
     work.append(partial(make, matrix, space, restriction))
@@ -132,10 +151,12 @@ def level_and_coarser(
 def coarsest_solver(matrix: csr_matrix) -> Callable[[np.ndarray], np.ndarray]:
     """Solutions with factors of a matrix, zero for unknowns without entries.
 
-    Interpolation from an aggregate with few nodes has columns of zeros.
+    Interpolation from an aggregate with few nodes has columns of zeros.  The matrix is symmetric
+    and positive definite, so that no pivots are needed.
     """
     kept = np.flatnonzero(matrix.diagonal())
-    solve = splu(matrix[kept][:, kept].tocsc()).solve
+    part = matrix if len(kept) == len(matrix.indptr) - 1 else matrix[kept][:, kept]
+    solve = splu(part.tocsc(), **WITHOUT_PIVOTS).solve
 
     def solution(right: np.ndarray) -> np.ndarray:
         """The solution for a right-hand side."""
