@@ -2,12 +2,13 @@
 
 Each problem has one number of interest: a limit load, a force, a deflection.  Each program solves
 it on a sequence of meshes.  The table has the processor time (one thread) at which the error of the
-number falls to 5 and to 1 percent, interpolated between meshes in logarithms.  ngepc runs with all
-its defaults.  CalculiX has the elements that its manual recommends, increments of its own choice,
-and isotropic hardening.  GetFEM solves the problems without contact, with quadratic simplices, the
-displacement as the only unknown, and the fastest of its line searches and numbers of increments.
-Times of ngepc and GetFEM do not include the generation of the mesh; those of CalculiX are the whole
-run of ``ccx``.
+number falls to 5 and to 1 percent, interpolated between meshes in logarithms.  Short runs are
+repeated, and the fastest one counts, for all programs.  ngepc runs with all its defaults.
+CalculiX has the elements that its manual recommends, increments of its own choice, and isotropic
+hardening.  GetFEM solves the problems without contact, with quadratic simplices, the displacement
+as the only unknown, and the fastest of its line searches and numbers of increments.  Times of ngepc
+and GetFEM do not include the generation of the mesh; those of CalculiX are the whole run of
+``ccx``.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from __future__ import annotations
 import math
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
+from operator import itemgetter
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -47,6 +49,12 @@ PROGRAMS = (
 
 BRICKS = ", bricks"
 
+REPEATS = 3
+LONG = 1.0
+"""Most runs on a mesh, of which the fastest counts, and processor time that ends them (s)."""
+
+CHOICES = ("order 1", "order 2, direct", "order 2, PyAMG")
+
 
 def choice(program: str, problem: Problem) -> tuple[Problem, NewtonOptions]:
     """The problem and the options of a row of ngepc."""
@@ -57,6 +65,17 @@ def choice(program: str, problem: Problem) -> tuple[Problem, NewtonOptions]:
     if program == "order 2, PyAMG":
         return replace(problem, order=2), NewtonOptions(inverse=PyAMG())
     return problem, NewtonOptions()
+
+
+def fastest(run: Callable[[], dict | None]) -> dict | None:
+    """The fastest of several runs; one is sufficient if it takes long or fails."""
+    runs = []
+    while len(runs) < REPEATS and sum(found["cpu"] for found in runs) < LONG:
+        found = run()
+        if found is None:
+            return None
+        runs.append(found)
+    return min(runs, key=itemgetter("cpu"))
 
 
 def by_ngepc(case: Case, program: str, level: int) -> dict:
@@ -106,7 +125,8 @@ def runs_by_getfem(case: Case, levels: int) -> list[dict]:
     runs = []
     increments = 1
     for level in range(levels):
-        found = by_getfem.best_run(case, case.mesh(level, True), increments)
+        mesh = case.mesh(level, True)
+        found = fastest(partial(by_getfem.best_run, case, mesh, increments))
         if found is None:
             break
         increments = found["increments"]
@@ -139,9 +159,10 @@ class Accuracy(OverMeshes):
     columns = """problem = {case} | program = {program} | CPU s to 5 % = {five}
         | to 1 % = {one} | finest error (%) = {finest:.2g} | steps there = {steps_there}"""
     note = (
-        "CPU seconds of one thread; '-' where no mesh of the family reaches it. References: closed "
-        "form for the punch, a mesh refined at the contact for the sphere, else order 2 on one "
-        "more mesh. 'default' is ngepc with all defaults."
+        "CPU seconds of one thread, the fastest of up to three runs on each mesh; '-' where no "
+        "mesh of the family reaches it. References: closed form for the punch, finer meshes of "
+        "their own for sphere and hinge, else order 2 on a finer mesh. 'default' is ngepc with all "
+        "defaults."
     )
 
     def cells(self) -> list[dict]:
@@ -165,10 +186,10 @@ class Accuracy(OverMeshes):
             runs = runs_by_getfem(data, levels)
             levels = 0
         for level in range(levels):
+            run = partial(by_ngepc, data, program, level)
             if program.startswith("ccx"):
-                runs.append(by_calculix(data, bricks, level))
-            else:
-                runs.append(by_ngepc(data, program, level))
+                run = partial(by_calculix, data, bricks, level)
+            runs.append(fastest(run))
         good = [run for run in runs if run["value"] is not None]
         errors = [abs(run["value"] / exact - 1) for run in good]
         times = [run["cpu"] for run in good]
@@ -184,6 +205,32 @@ class Accuracy(OverMeshes):
             "finest": 100 * errors[-1] if errors else math.nan,
             "steps_there": good[-1]["iterations"] if good else "",
         }
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """The ratios of times, and what the table shows."""
+        lines = [
+            "Ratios of these times. 'CalculiX': ngepc by default over CalculiX, each with its "
+            "faster elements. 'own choice': ngepc by default on simplices over the fastest order "
+            "and solver there.",
+            "",
+            "| problem | CalculiX, 5 % | 1 % | own choice, 5 % | 1 % |",
+            "| --- | --- | --- | --- | --- |",
+        ]
+        for case in dict.fromkeys(record["case"] for record in records):
+            times = {
+                record["program"]: [
+                    time_to(record["errors"], record["cpu"], wanted)
+                    for wanted in (0.05, 0.01)
+                ]
+                for record in records
+                if record["case"] == case
+            }
+            shown = ratios(
+                times, ("default", "default, bricks"), ("ccx", "ccx, bricks")
+            )
+            shown += ratios(times, ("default",), CHOICES)
+            lines.append(f"| {case} | {' | '.join(shown)} |")
+        return [*lines, "", *super().notes(records)]
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """Errors over times, one panel for each case."""
@@ -223,7 +270,29 @@ def reference(case: str) -> float:
     data = CASES[case]
     if data.reference is not None:
         return data.reference
-    return by_ngepc(data, "order 2, direct", data.levels[0])["value"]
+    return by_ngepc(data, "order 2, direct", data.finest)["value"]
+
+
+def ratios(
+    times: dict[str, list[float]], ours: Sequence[str], theirs: Sequence[str]
+) -> list[str]:
+    """The least of our times over the least of theirs, to 5 and to 1 percent; '-' for never."""
+    shown = []
+    for number in range(2):
+        least = [
+            min(
+                (times[name][number] for name in names if name in times),
+                default=math.inf,
+            )
+            for names in (ours, theirs)
+        ]
+        if not math.isfinite(least[0]):
+            shown.append("-")
+        elif not math.isfinite(least[1]):
+            shown.append("ngepc alone")
+        else:
+            shown.append(f"{least[0] / least[1]:.2f}")
+    return shown
 
 
 def shown_time(seconds: float) -> str:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from ngsolve import Integrate
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
 from ngepc.studies import by_getfem, calculix
@@ -11,11 +12,13 @@ from ngepc.studies.accuracy import (
     Accuracy,
     by_calculix,
     by_ngepc,
+    fastest,
+    ratios,
     runs_by_getfem,
     shown_time,
     time_to,
 )
-from ngepc.studies.accuracy_cases import CASES
+from ngepc.studies.accuracy_cases import CASES, beam
 from ngepc.studies.accuracy_decks import deck_of
 from ngepc.studies.calculix import CORNER_EDGES, FACES, QuadraticMesh
 
@@ -123,6 +126,32 @@ def test_times_are_read_off_between_meshes():
     assert time_to(errors, times, 1e-3) == math.inf
     assert time_to([0.01, 0.2], [1.0, 2.0], 0.05) == math.inf
     assert shown_time(math.inf) == "-"
+
+
+def test_the_fastest_of_three_short_runs_counts():
+    short = iter([0.2, 0.1, 0.3, 0.0])
+    assert fastest(lambda: {"cpu": next(short)}) == {"cpu": 0.1}
+    long = iter([5.0, 0.1])
+    assert fastest(lambda: {"cpu": next(long)}) == {"cpu": 5.0}
+    assert fastest(lambda: None) is None
+
+
+def test_ratios_are_those_of_the_faster_elements():
+    times = {"a": [1.0, math.inf], "b": [3.0, 2.0], "c": [4.0, math.inf]}
+    assert ratios(times, ("a", "b"), ("c", "missing")) == ["0.25", "ngepc alone"]
+    assert ratios(times, ("c",), ("a", "b")) == ["4.00", "-"]
+
+
+@pytest.mark.parametrize("level", [1, 2])
+def test_the_beam_is_graded_and_symmetric(level):
+    """A box 6 x 1 x 1, the same upside down, with the shortest cells at the clamped end."""
+    mesh = beam(level, simplices=False)
+    x = np.array([v.point for v in mesh.vertices])
+    assert Integrate(1.0, mesh) == pytest.approx(6.0)
+    heights = np.unique(x[:, 2].round(12))
+    assert heights == pytest.approx(1 - heights[::-1])
+    lengths = np.diff(np.unique(x[:, 0].round(12)))
+    assert (np.diff(lengths) > 0).all()
 
 
 def test_without_other_programs_their_rows_are_left_out(tmp_path, monkeypatch):
