@@ -17,10 +17,17 @@ def polygon(corners: Iterable[tuple[tuple[float, float], str]]) -> Solid2d:
 
 
 def meshed(body: Solid | Solid2d, maxh: float) -> Mesh:
-    """Triangles or tetrahedra of width at most ``maxh``; the mesh knows its geometry."""
-    geometry = CSG2d() if isinstance(body, Solid2d) else CSGeometry()
-    geometry.Add(body.Mat("body") if isinstance(body, Solid2d) else body.mat("body"))
-    return Mesh(geometry.GenerateMesh(maxh=maxh))
+    """Triangles or tetrahedra of width at most ``maxh``; the mesh knows its geometry.
+
+    Netgen's threads wait for each other most of the time: one makes the same mesh earlier.
+    """
+    if isinstance(body, Solid2d):
+        geometry = CSG2d()
+        geometry.Add(body.Mat("body"))
+        return Mesh(geometry.GenerateMesh(maxh=maxh))
+    geometry = CSGeometry()
+    geometry.Add(body.mat("body"))
+    return Mesh(geometry.GenerateMesh(maxh=maxh, parallel_meshing=False))
 
 
 def netgen_mesh(

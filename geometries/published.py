@@ -179,7 +179,11 @@ def stacked_blocks(N: int, maxh: float) -> Mesh:
         sides.name = "side"
         sides.Max(X).name = right
         sides.Min(up).name, sides.Max(up).name = bottom, top
-    return Mesh(OCCGeometry(Compound(bodies), dim=N).GenerateMesh(maxh=1))
+    return Mesh(
+        OCCGeometry(Compound(bodies), dim=N).GenerateMesh(
+            maxh=1, parallel_meshing=False
+        )
+    )
 
 
 def eighth_under_punch(

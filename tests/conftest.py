@@ -12,7 +12,9 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from netgen.csg import CSGeometry
 from netgen.meshing import SetMessageImportance
+from netgen.occ import OCCGeometry
 from ngsolve import Mesh, SetNumThreads
 
 from ngepc.geometries import block, ring
@@ -138,8 +140,22 @@ LONGEST = (
 SLOW_PLACES = {HERE / name for name in SLOW}
 
 
+def without_threads(generate):
+    """Netgen's threads wait for each other most of the time: one makes the same mesh earlier."""
+
+    @wraps(generate)
+    def mesh(*args, **options):
+        return generate(*args, **({"parallel_meshing": False} | options))
+
+    return mesh
+
+
+CSGeometry.GenerateMesh = without_threads(CSGeometry.GenerateMesh)
+OCCGeometry.GenerateMesh = without_threads(OCCGeometry.GenerateMesh)
+
+
 def made_once(make):
-    """Netgen needs a second for a dozen tetrahedra: the next test gets a copy of them."""
+    """A mesh with the same arguments is a copy of the first one."""
     meshes = {}
 
     @wraps(make)

@@ -19,10 +19,10 @@ from ngepc.geometries import lshape
 
 METHODS = {
     "coupled": lambda problem: semismooth_newton(
-        problem, regularisation=Coupled(1e3), options=NewtonOptions(max_iterations=2)
+        problem, regularisation=Coupled(1e3), options=NewtonOptions(max_iterations=1)
     ),
     "primal": lambda problem: primal_newton(
-        problem, options=PrimalOptions(max_iterations=3)
+        problem, options=PrimalOptions(max_iterations=2)
     ),
 }
 """A few steps assemble, factorise and search, again and again; the other thread waits meanwhile."""

@@ -131,14 +131,14 @@ def rewritten(header, arrays):
 
 
 def test_every_change_is_refused(saved):
-    """Sixty random entries and all arrays: removed, of another type, of another value."""
+    """Thirty random entries and all arrays: removed, of another type, of another value."""
     _, path, _, _ = saved
     with np.load(path) as data:
         arrays = {key: data[key] for key in data.files}
     header = json.loads(str(arrays.pop("header")))
     rng = random.Random(1)
     places = sorted(places_in(header), key=str)
-    for _ in range(60):
+    for _ in range(30):
         change = rng.choice(RETYPED)
         place = rng.choice(places)
         other = with_change(header, place, change)
@@ -165,7 +165,7 @@ def test_wrong_contents_with_a_right_digest_make_no_raw_error(saved):
     def written(record, arrays):
         return lambda path: checkpoint.save(path, fingerprint, record, arrays)
 
-    for _ in range(60):
+    for _ in range(30):
         place = rng.choice(places)
         change = rng.choice(RETYPED)
         other = with_change(record, place, change)
