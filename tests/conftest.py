@@ -19,6 +19,7 @@ from ngsolve import Mesh, SetNumThreads
 
 from ngepc.geometries import block, ring
 from ngepc.pictures.stills import renderer
+from ngepc.pictures.style import RC
 
 # While modules of tests are imported nothing is garbage.
 gc.disable()
@@ -176,6 +177,13 @@ ring.shell_octant_mesh = made_once(ring.shell_octant_mesh)
 def one_thread():
     SetNumThreads(1)
     SetMessageImportance(0)
+
+
+@pytest.fixture
+def quickly_drawn(monkeypatch):
+    """Coarse pictures without layout, for tests of what is around them."""
+    monkeypatch.setitem(RC, "figure.constrained_layout.use", False)
+    monkeypatch.setitem(RC, "savefig.dpi", 40)
 
 
 @pytest.fixture

@@ -18,6 +18,9 @@ from ngepc.results.records import FIELDS
 from ngepc.studies.limit_problems import LIMITS
 
 
+pytestmark = pytest.mark.usefixtures("quickly_drawn")
+
+
 def record_of(capsys, *arguments):
     begin = time.perf_counter()
     assert main(["solve", *arguments, "--json", "-"]) == 0
