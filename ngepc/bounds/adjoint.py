@@ -201,6 +201,14 @@ class AdjointConditions:
             worst = max(worst, (low - middle).max(), (middle - high).max())
         return float(worst)
 
+    def enough(self, goal: GoalTerms) -> float:
+        """The lambda for which z = 0 satisfies the conditions; infinite where a vertex touches."""
+        there = np.abs(goal.factor) > 0
+        gap = self.slack[there, : self.bound_data.cells.N].min(axis=1)
+        if (gap <= 0).any():
+            return np.inf
+        return float((np.abs(goal.factor[there]) / gap).max(initial=0.0))
+
     def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
         """``factor`` if the conditions hold up to rounding, else infinity."""
         allowed = VIOLATED * self.scale(goal, z)

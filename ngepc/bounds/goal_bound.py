@@ -38,7 +38,7 @@ from ngepc.bounds.integrand import BoundPart, Integrand, VaryingIntegrand
 from ngepc.bounds.quadrilaterals import on_simplices
 from ngepc.bounds.transfer import on_matching
 from ngepc.checks.kinds import require_instance
-from ngepc.checks.sentences import at_most_percent, outward
+from ngepc.checks.sentences import interval_in_words
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance
@@ -59,6 +59,15 @@ SLIDING = (0.25, 0.5, 0.75, 0.95)
 """With friction lambdas are tried for which so many nodes have |z_t| <= lambda |s_h|."""
 REBUILDS = 2
 LARGEST = 1e12
+"""The largest lambda over the first one that is tried where a condition is violated."""
+UNBOUNDED = 12
+"""How often lambda is doubled where the supremum is infinite, as without hardening."""
+INFINITE = (
+    "The interval is infinite, as the law does not harden: the bound does not limit strains where "
+    "the body flows. A finer mesh or some hardening is needed."
+)
+UNMOVED = 1e-12
+"""Lambda of a goal that no load of the problem moves."""
 ROUNDING = 1e-12
 """Part of the works in an interval by which it is widened, for rounding errors."""
 SUPREMA = 1e-14
@@ -133,8 +142,10 @@ class GoalBound:
     @property
     def percent(self) -> float:
         """Half the width in percent of the size of the middle."""
-        if self.middle == 0:
-            return math.inf if self.width > 0 else 0.0
+        if self.width == 0:
+            return 0.0
+        if self.middle == 0 or not math.isfinite(self.width):
+            return math.inf
         return 50 * self.width / abs(self.middle)
 
     @property
@@ -145,7 +156,8 @@ class GoalBound:
     @property
     def message(self) -> str:
         """Limits of the guarantee and replacements in the goal; empty if there are none."""
-        return " ".join(filter(None, (self.note, self.bound.message)))
+        unbounded = "" if math.isfinite(self.width) else INFINITE
+        return " ".join(filter(None, (unbounded, self.note, self.bound.message)))
 
     @property
     def estimate(self) -> float:
@@ -177,9 +189,7 @@ class GoalBound:
         return "guaranteed" if self.guaranteed else "not proved"
 
     def __str__(self) -> str:
-        ends = " to ".join(outward(self.lower, self.upper))
-        deviation = at_most_percent(self.percent / 100)
-        return f"{self.name}: {ends}, {self.middle:.6g} up to {deviation} ({self.kind})"
+        return f"{self.name}: {interval_in_words(self.lower, self.upper, self.kind)}"
 
 
 @one_blas_thread
@@ -299,11 +309,24 @@ class GoalProblem:
                 "equilibrium: a finer mesh or more hardening is needed"
             )
         start = self._adjoints.start(terms)
-        first = FIRST * math.sqrt(self._adjoints.energy(start) / energy) or 1.0
-        first *= (energy / max(self.bound.total, 1e-12 * energy)) ** (1 / 3)
-        best = self._best(start, first if near is None else near)
-        found = self._interval(terms, best, discrete)
+        best = self._best(start, self._first(start) if near is None else near)
+        found = self._interval(terms, best.finite(), discrete)
         return found if self._copied is None else found.on(*self._copied)
+
+    def _first(self, start: Start) -> float:
+        """The first lambda for a goal; what suffices if its adjoint does not move."""
+        energy = self.bound.strain_energy
+        first = FIRST * math.sqrt(self._adjoints.energy(start) / energy)
+        first *= (energy / max(self.bound.total, 1e-12 * energy)) ** (1 / 3)
+        if first > 0:
+            return first
+        wanted = np.abs(start.goal.factor).max(initial=0.0)
+        if wanted == 0:
+            return UNMOVED
+        enough = self._adjoints.enough(start.goal)
+        if math.isfinite(enough):
+            return enough
+        return float(wanted / np.abs(self.bound.state.u).max())
 
     def _best(self, start: Start, factor: float) -> Candidate:
         """The best lambda and its adjoint, from a lambda near the best.
@@ -378,9 +401,10 @@ class GoalProblem:
     def _candidate(self, start: Start, factor: float) -> Candidate:
         """The adjoint that is made for a lambda, or for a larger one."""
         adjoint = self._adjoints.of(start, factor)
+        largest = LARGEST * factor
         while not math.isfinite(adjoint.least):
             factor *= 8
-            if factor > LARGEST:
+            if factor > largest:
                 raise RuntimeError(
                     f"goal={start.goal.name}: a support holds a vertex that touches the obstacle"
                 )
@@ -404,7 +428,7 @@ class GoalProblem:
         )
         centre += float(contact.opening(state.u, adjoint.pressure).sum())
         rounding = self._rounding(terms, chosen, discrete)
-        above, below = chosen.integrand.bounds(chosen.factor)
+        above, below = chosen.suprema
         per_cell = (above + below) / 2
         per_cell += np.bincount(contact.owner, opened, minlength=len(per_cell))
         return GoalBound(
@@ -450,3 +474,21 @@ class Candidate:
     integrand: Integrand | VaryingIntegrand
     factor: float
     width: float
+
+    @cached_property
+    def suprema(self) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals over the cells from above, for both signs."""
+        return self.integrand.bounds(self.factor)
+
+    def finite(self) -> Candidate:
+        """The candidate with a larger lambda where the suprema are infinite.
+
+        Without hardening they are finite where lambda times what the stress of the bound lacks to
+        the yield bound exceeds the stress of the adjoint.
+        """
+        found = self
+        for _ in range(UNBOUNDED):
+            if all(np.isfinite(side).all() for side in found.suprema):
+                return found
+            found = replace(found, factor=2 * found.factor)
+        return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import numbers
 from collections.abc import Mapping
 from dataclasses import Field, fields, is_dataclass
@@ -114,3 +115,19 @@ def outward(lower: float, upper: float, digits: int = 6) -> tuple[str, str]:
     below = Context(digits, ROUND_FLOOR).create_decimal(lower)
     above = Context(digits, ROUND_CEILING).create_decimal(upper)
     return f"{float(below):.{digits}g}", f"{float(above):.{digits}g}"
+
+
+def interval_in_words(lower: float, upper: float, kind: str) -> str:
+    """An interval and how it is known, "2.757 +- 1.4 percent (between 2.718 and ..., proved)".
+
+    An interval that contains zero, or one end of which is infinite, is said by its ends.
+    """
+    below, above = outward(lower, upper)
+    ends = f"between {below} and {above}"
+    if not math.isfinite(upper - lower) or lower <= 0 <= upper:
+        return f"{ends} ({kind})"
+    half = (upper - lower) / abs(upper + lower)
+    digits = min(max(2 - math.floor(math.log10(max(half, 1e-9))), 2), 6)
+    middle = float(f"{(lower + upper) / 2:.{digits}g}")
+    part = max(upper - middle, middle - lower) / abs(middle)
+    return f"{middle:.{digits}g} +- {at_most_percent(part)} ({ends}, {kind})"

@@ -293,23 +293,57 @@ def in_units(length, stress):
     return Problem(mesh, metal, contact="contact", gap=gap, traction=traction)
 
 
-def contact_force(length):
-    return "contact_force"
+def just_touching(length, stress):
+    """A longer block that touches the parabola at few nodes."""
+    size = (2 * length, length)
+    return replace(
+        in_units(length, stress),
+        mesh=block.structured_mesh(8, 4, size=size, simplices=True),
+        gap=length * ((x / length - 0.9) ** 2 / 6 - 1.2e-3),
+        traction={"right": (0.3 * stress, -0.1 * stress)},
+    )
 
 
-def displacement(length):
-    return DisplacementAt((0.4 * length, 0.6 * length), 0)
-
-
-@pytest.mark.parametrize(("length", "stress"), [(1e3, 1.0), (1.0, 1e6), (1e-3, 1e9)])
+@pytest.mark.parametrize(("length", "stress"), [(1e3, 1.0), (1.0, 1e6), (1e-3, 1e11)])
 def test_intervals_do_not_depend_on_units(length, stress):
-    """In millimetres and megapascals they are as narrow as in metres and pascals."""
-    one = semismooth_newton(in_units(1.0, 1.0))
-    other = semismooth_newton(in_units(length, stress))
-    for goal in (contact_force, displacement):
-        first = goal_bound(one, goal(1.0)).percent
-        second = goal_bound(other, goal(length)).percent
-        assert second == pytest.approx(first, rel=0.05)
+    """Conditions on contact hold up to rounding in every unit: none is lost where z is small."""
+    one = GoalProblem(semismooth_newton(just_touching(1.0, 1.0)))
+    other = GoalProblem(semismooth_newton(just_touching(length, stress)))
+    where = [DisplacementAt((0.9 * a, 0.9 * a), 1) for a in (1.0, length)]
+    goals = [
+        ("contact_force", "contact_force", length * stress),
+        (MeanDisplacement("right", 1), MeanDisplacement("right", 1), length),
+        (*where, length),
+    ]
+    for goal, same, unit in goals:
+        first = one.bound_of(goal)
+        ends = np.array(other.bound_of(same).interval) / unit
+        assert ends == pytest.approx(first.interval, abs=1e-5 * first.width)
+
+
+@pytest.mark.parametrize("gap", [0.02, 0.04])
+def test_without_contact_the_interval_of_the_force_is_short(gap):
+    """z = 0 suffices for a large lambda, and the interval is that times the error bound."""
+    problem = replace(in_units(1.0, 1.0), gap=gap)
+    force = goal_bound(semismooth_newton(problem), "contact_force")
+    assert force.discrete == 0.0
+    assert force.width <= 2.2 * force.bound.total / (0.9 * gap)
+
+
+def test_without_hardening_lambda_grows_until_the_interval_is_finite():
+    """The first lambda leaves strains unlimited, although nothing yields."""
+    metal = Material.metal(
+        young=1e3, poisson=0.3, yield_stress=2.0, plastic_modulus=0.0
+    )
+    problem = Problem(
+        block.structured_mesh(2, 2, simplices=True),
+        metal,
+        body_force=(0.3, -0.8),
+        order=1,
+    )
+    goal = goal_bound(semismooth_newton(problem), MeanDisplacement("contact", 1))
+    assert goal.percent < 20
+    assert goal.message == ""
 
 
 @pytest.mark.parametrize("order", [1, 2])

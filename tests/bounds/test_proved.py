@@ -51,7 +51,7 @@ def test_bounds_and_goals(pressed):
     assert bound.kind == word(proved)
     assert ("gap (at 1/128" in bound.message) is not proved
     assert goal.guaranteed is proved
-    assert f"({word(proved)})" in str(goal)
+    assert f", {word(proved)})" in str(goal)
 
 
 def test_brackets(pressed):
@@ -84,7 +84,7 @@ def test_verdicts_and_confidence(pressed):
     found = verdict(result.problem, "contact_force", at_most=1e6)
     assert found.outcome == "PASS"
     assert found.guaranteed is proved
-    assert f"({word(proved)})" in str(found)
+    assert f", {word(proved)})" in str(found)
     assert ("known from samples" in str(found)) is not proved
     start = "Guaranteed" if proved else "Bound from samples"
     assert confidence(result).startswith(start)

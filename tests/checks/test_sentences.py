@@ -8,7 +8,13 @@ from ngsolve import CF, x
 
 from ngepc import Material, Norton, Problem, Tabulated
 from ngepc.checks.arguments import require_number
-from ngepc.checks.sentences import at_most_percent, in_percent, in_words, outward
+from ngepc.checks.sentences import (
+    at_most_percent,
+    in_percent,
+    in_words,
+    interval_in_words,
+    outward,
+)
 from ngepc.geometries import block
 
 
@@ -39,6 +45,20 @@ def test_a_printed_interval_contains_the_interval():
     lower, upper = outward(-0.12345678, -1e-3)
     assert (lower, upper) == ("-0.123457", "-0.001")
     assert outward(-math.inf, math.inf) == ("-inf", "inf")
+
+
+@pytest.mark.parametrize(
+    ("ends", "words"),
+    [
+        ((2.7185, 2.795), "2.757 +- 1.4 percent (between 2.7185 and 2.795, proved)"),
+        ((-4.0, -2.0), "-3 +- 34 percent (between -4 and -2, proved)"),
+        ((-1.0, 2.0), "between -1 and 2 (proved)"),
+        ((0.5, math.inf), "between 0.5 and inf (proved)"),
+        ((1.0, 1.0), "1 +- 0 percent (between 1 and 1, proved)"),
+    ],
+)
+def test_an_interval_is_a_number_and_its_deviation(ends, words):
+    assert interval_in_words(*ends, "proved") == words
 
 
 def test_a_material_is_shown_by_the_data_that_were_given():
