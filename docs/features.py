@@ -64,7 +64,6 @@ A method may cover two features but not both at once. These pairs are refused, t
 
 - Plane stress, Hill's criterion and sub-elements have bounds on quadrilaterals if these are
   parallelograms and `order=1`.
-- Goals of order 2 in three dimensions do not cover friction.
 - Bounds, goals and brackets of two bodies, and of parts that contact alone holds, are for plane
   problems without friction. The first boundary of a pair must be straight, and the bodies are not
   tied. `evolve(error=...)` covers neither, `contact_force_bracket` no two bodies.

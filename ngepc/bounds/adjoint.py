@@ -247,13 +247,13 @@ class AdjointProblem(AdjointConditions):
         self._rows = conditions.matrix.tocsr()
         self._normals = len(rows)
         count = len(conditions)
-        of_friction = bound_data.contact.friction(state)
+        of_friction = bound_data.tangential(state)
         used = np.linalg.norm(of_friction, axis=2)
         self._spare = np.maximum(bound_data.boundary.friction - used, 0.0)
         error = max(error, ROUNDING**2)  # that of an exact solution may be negative
         self.tolerance = min(LOOSEST, HELD * math.sqrt(error / max(count, 1)))
         if compliance is None:
-            compliance = Compliance(1 / bound_data.discrete.row_stiffness[:count])
+            compliance = bound_data.discrete.compliance()
         compliance.restart()
         self._compliance = compliance
         self._lower: AdjointProblem | None = None

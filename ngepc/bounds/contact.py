@@ -15,6 +15,11 @@ from ngepc.local.system import DiscreteProblem, State
 
 LEVEL = 1e-9  # a normal whose free part has a smaller square counts as held
 CLEAR = 1e-12  # tolerance of penetration, relative to the largest displacement
+CLEARED = 0.5
+"""Middle coefficient of cleared parabolas over the one with which they touch inside an edge.
+
+Goals need a large lambda where a gap closes at a point between the nodes.
+"""
 NORMAL_PASSES = 50
 """Most passes over the facets that meet at a vertex until all of them are clear."""
 
@@ -197,8 +202,10 @@ class ContactFacets:
             for k in range(len(OF_FACET[self.N])):
                 slack = self.slack(u)
                 lowest = self.least_coefficients(slack, k)
-                excess = 2 * (lowest - self.edge_coefficients(slack)[:, k])
-                if self.shift(u, self.N + k, -np.maximum(excess, 0.0), BUBBLE):
+                middle = self.edge_coefficients(slack)[:, k]
+                deep = middle < lowest - rounding / 2
+                excess = np.where(deep, 2 * (CLEARED * lowest - middle), 0.0)
+                if self.shift(u, self.N + k, -excess, BUBBLE):
                     return True
                 most = max(most, excess.max(initial=0.0))
             if most <= rounding:

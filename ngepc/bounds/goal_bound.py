@@ -223,9 +223,6 @@ def check_goals(problem: Problem) -> None:
     """Refuse problems without goal bounds by name; what error bounds refuse is left to them."""
     bounded = FEATURES.keys() - BOUNDED
     require_covered(problem, "a goal bound", COVERS | bounded)
-    if problem.N == 3 and problem.order == 2:
-        covers = COVERS - {"friction"} | bounded
-        require_covered(problem, "a goal bound of order 2 in space", covers)
 
 
 class GoalProblem:

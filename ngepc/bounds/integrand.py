@@ -239,7 +239,7 @@ class BoundPart:
             contact,
             contact.slip(self._state.u),
             contact.tangential(adjoint.z),
-            contact.friction(self._state),
+            self._bound_data.tangential(self._state),
             adjoint.friction,
         )
         return BoundaryTerms(springs, friction)

@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from campaigns.crossings import finer
+from campaigns.intervals import value_of
 from ngsolve import BND, CF, x, y, z
 
 import ngepc
@@ -441,8 +442,19 @@ def test_friction_of_order_two(friction):
     unmoved = error_bound(semismooth_newton(replace(problem, **AT_REST)))
     assert max(lower.least_energy, unmoved.least_energy) < unmoved.energy
     assert unmoved.total < 0.6 * lower.total
-    with pytest.raises(ValueError, match=r"friction=.*: a goal bound of order 2"):
-        goal_bound(result, "work")
+
+
+@pytest.mark.parametrize(("friction", "most"), [(0.05, 90), (2.0, 350)])
+def test_goals_with_friction_of_order_two(friction, most):
+    """The cube slips, or sticks; the fine values are in the intervals, which order one widens."""
+    problem = rubbed(friction)
+    interval = goal_bound(semismooth_newton(problem), "work")
+    fine = semismooth_newton(finer(problem, 1))
+    assert interval.guaranteed
+    assert interval.lower < value_of(fine, "work") < interval.upper
+    assert interval.percent < most
+    lower = goal_bound(semismooth_newton(replace(problem, order=1)), "work")
+    assert interval.width < lower.width
 
 
 AT_REST = {"initial_displacement": None}

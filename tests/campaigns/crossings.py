@@ -11,7 +11,7 @@ from itertools import islice
 import numpy as np
 from bodies import in_quadrilaterals
 from campaigns.random_problems import BODIES, Draw, build, draws
-from campaigns.two_bodies import two_blocks
+from campaigns.two_bodies import held_block, two_blocks
 from ngsolve import CF, cos, sin, x, y
 
 from ngepc import semismooth_newton
@@ -40,12 +40,22 @@ WIDER = (
     "quadrilaterals, order 2",
     "two bodies",
     "two bodies, order 2",
+    "held",
+    "held, order 2",
+    "friction, order 2, solid",
 )
 """More kinds, with elastic foundations, in plane stress, with each triangle cut into three
-quadrilaterals, or of two bodies: ``--rows "springs,plane stress"``."""
+quadrilaterals, of two bodies, or held by contact alone: ``--rows "springs,plane stress"``."""
 
 BISECTIONS = dict.fromkeys(
-    ["solid", "springs, solid", "quadrilaterals", "quadrilaterals, order 2"], 1
+    [
+        "solid",
+        "springs, solid",
+        "friction, order 2, solid",
+        "quadrilaterals",
+        "quadrilaterals, order 2",
+    ],
+    1,
 )
 """Number of bisections of all elements for the reference; twice in the plane."""
 
@@ -95,6 +105,8 @@ def problem_of(draw, kind):
     """The problem of a draw with the feature of its kind."""
     if kind.startswith("two bodies"):
         return two_blocks(draw, 2 if kind.endswith("order 2") else 1)
+    if kind.startswith("held"):
+        return held_block(draw, 2 if kind.endswith("order 2") else 1)
     rough = kind.startswith("friction")
     if rough:  # the pressure exceeds the load, so that most rows stick
         push = max(draw.gap_size, 2.0)
@@ -107,7 +119,7 @@ def problem_of(draw, kind):
         problem.material.yield_stress,
         BODIES[draw.body].length * 10**draw.length_unit,
     )
-    if kind.endswith("order 2"):
+    if "order 2" in kind:
         problem = replace(problem, order=2)
     if kind.startswith("quadrilaterals"):
         return replace(problem, mesh=in_quadrilaterals(problem.mesh))

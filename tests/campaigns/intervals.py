@@ -24,7 +24,7 @@ from ngepc.studies.work import Work
 KINDS = ("order 1", "order 2")
 """Kinds of ``campaigns.crossings``; ``--rows`` chooses others."""
 FINER = 2
-"""How often cells are bisected for the fine value, which has order two."""
+"""How often cells are bisected for the fine value, which has order two; in space once."""
 ROUNDED = 1e-6
 """Tolerance relative to the fine value, as Newton's method stops at its tolerance."""
 HEAD = ("group", "problems", "refused", "intervals", "misses", "proved",
@@ -43,6 +43,9 @@ def goals_of(problem, draw):
     """Goals of a random problem, by name."""
     if problem.contact_pairs:
         return goals_of_bodies(problem)
+    if problem.contact_names == ("below",):
+        displacement = MeanDisplacement("top", 1)
+        return {"contact force": "contact_force", "mean displacement": displacement}
     body = BODIES[draw.body]
     goals = {"work": "work"}
     if problem.clamped_names:
@@ -72,7 +75,7 @@ def fine_problem(problem):
     matching = with_matching(problem, None)
     if matching is not None:
         problem = on_mesh(problem, *matching)
-    return finer(problem, FINER)
+    return finer(problem, FINER if problem.N == 2 else 1)
 
 
 def value_of(result, goal):

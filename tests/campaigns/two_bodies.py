@@ -1,4 +1,7 @@
-"""Random problems of two blocks, one above the other, whose meshes do not match."""
+"""Random problems of two blocks, one above the other, whose meshes do not match.
+
+And of one block that contact alone holds.
+"""
 
 import math
 from dataclasses import replace
@@ -6,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from campaigns.random_problems import _material
 from netgen.occ import Compound, MoveTo, OCCGeometry, X, Y
-from ngsolve import Mesh
+from ngsolve import Mesh, x
 
 from ngepc import Contact, Problem
 
@@ -46,6 +49,34 @@ def two_blocks(draw, order):
     return Problem(
         mesh, material, clamped, load, prescribed=held, contact=contact, order=order
     )
+
+
+def held_block(draw, order):
+    """A block that is pressed onto a flat or curved obstacle; contact alone holds it vertically.
+
+    It may turn and slide, or a support on the left keeps it from that.
+    """
+    random = np.random.default_rng(int(1e9 * draw.maxh))
+    size = 10**draw.length_unit
+    material = _material(draw)
+    strain = material.yield_stress / (2 * material.lame_mu)
+    width = random.uniform(0.5, 2.0)
+    block = MoveTo(0, 0).Rectangle(width * size, size).Face()
+    block.edges.name = "side"
+    block.edges.Min(X).name = "left"
+    block.edges.Min(Y).name = "below"
+    block.edges.Max(Y).name = "top"
+    geometry = OCCGeometry(block, dim=2)
+    mesh = Mesh(geometry.GenerateMesh(maxh=2 * size * draw.maxh))
+    middle = random.uniform(0.3, 0.7) * width * size
+    bent = {"near": 1.0, "pushed": 5.0}.get(draw.gap, 0.0)
+    gap = bent * strain * (x - middle) ** 2 / size
+    pressure = draw.load * material.yield_stress
+    slope = 0.5 * math.cos(draw.angle) / size
+    load = {"top": (0, -pressure * (1 + slope * (x - middle)))}
+    held = {"left": (0, None)} if draw.kind == "isotropic" else None
+    contact = {"contact": "below", "gap": gap}
+    return Problem(mesh, material, None, load, prescribed=held, order=order, **contact)
 
 
 def gap_of(draw, strain):
