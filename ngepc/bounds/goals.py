@@ -26,7 +26,7 @@ from ngepc.bounds.adaptive import SOLVED, TOLERANCE
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.checks.kinds import require_instance
-from ngepc.checks.sentences import in_words
+from ngepc.checks.sentences import in_words, interval_in_words
 from ngepc.discretisation.loads import applied_forces
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
@@ -70,6 +70,10 @@ class Bracket:
         """Half the width over the size of ``discrete``."""
         half = (self.upper - self.lower) / 2
         return half / abs(self.discrete) if self.discrete else math.inf
+
+    def __str__(self) -> str:
+        kind = "guaranteed" if self.guaranteed else "not proved"
+        return interval_in_words(self.lower, self.upper, kind)
 
 
 @one_blas_thread

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -221,11 +222,22 @@ def _other_order(problem: Problem) -> Problem | None:
 
 
 def _with_history(problem: Problem, **changes: object) -> Problem:
-    """A changed problem with the same PEEQ, which may be slightly negative at its new points."""
-    before = problem.initial_accumulated
-    if isinstance(before, CoefficientFunction):
-        changes["initial_accumulated"] = IfPos(before, before, 0.0)
+    """A changed problem with the same hardening and PEEQ, which may fall below zero between points.
+
+    They are polynomials with values at the points of the step before, and have new points here.
+    """
+    changes["initial_accumulated"] = _not_negative(problem.initial_accumulated)
+    changes["initial_hardening"] = _not_negative(problem.initial_hardening)
     return replace(problem, **changes)
+
+
+def _not_negative(value: Any) -> Any:
+    """A scalar coefficient, or the first of a pair, with zero where it is negative."""
+    if isinstance(value, Sequence) and len(value) == 2:
+        return _not_negative(value[0]), value[1]
+    if isinstance(value, CoefficientFunction) and value.dim == 1:
+        return IfPos(value, value, 0.0)
+    return value
 
 
 def _lower_order(problem: Problem) -> Problem | None:

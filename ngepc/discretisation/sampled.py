@@ -59,10 +59,8 @@ def what_is_unseen(problem: Problem, scanned: Collection[str] | None = LOADS) ->
     if not names:
         return ""
     texts = [f"{name} ({_seen_at(problem, name, scanned)})" for name in names]
-    return (
-        f"Data known from samples only: {', '.join(texts)}. "
-        "Variations between the samples can be missed."
-    )
+    known = f"Data known from samples only: {', '.join(texts)}"
+    return f"{known}; variations between them can be missed."
 
 
 def _seen_at(problem: Problem, name: str, scanned: Collection[str] | None) -> str:

@@ -26,7 +26,7 @@ from ngepc.model.places import Place
 from ngepc.model.problem import Problem
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Equilibrium:
     """Nodal forces on the body at a solution, arrays of shape (N, nodes).
 
@@ -44,6 +44,21 @@ class Equilibrium:
 
     missing = renamed("missing", "residual_force")
     imbalance = renamed("imbalance", "free_residual")
+
+    def __repr__(self) -> str:
+        """The resultants, in place of the forces of all nodes."""
+        forces = {
+            "applied": self.applied,
+            "contact": self.contact,
+            "reaction": self.reaction,
+            "out of balance": self.free_residual,
+        }
+        sums = {name: self.resultant(nodal).tolist() for name, nodal in forces.items()}
+        texts = (
+            f"{name} ({', '.join(f'{component:.6g}' for component in force)})"
+            for name, force in sums.items()
+        )
+        return f"<Equilibrium: {', '.join(texts)}>"
 
     @property
     def reaction(self) -> np.ndarray:

@@ -335,9 +335,11 @@ class DiscreteSolution(Result):
 
     @cached_property
     def message(self) -> str:
-        """How the run ended, and remarks on the solution that a user must know."""
+        """How the run ended, and remarks on the solution that a user must know, worst first."""
         seen = [] if self.status is Status.UNHELD else self._observations()
-        return " ".join(filter(None, (self.ending, *seen)))
+        converged = self.status in (Status.CONVERGED, Status.BOUNDED)
+        texts = (*seen, self.ending) if converged else (self.ending, *seen)
+        return " ".join(filter(None, texts))
 
     def _observations(self) -> list[str]:
         found = []
@@ -354,10 +356,15 @@ class DiscreteSolution(Result):
                 f"Nothing touches the obstacle: the smallest gap left is {gap:.3g}"
                 f" at {tuple(float(f'{c:.4g}') for c in place)}."
             )
-        elif touching and self.contact_facets < FEW_FACETS:
+        strain = self.largest_strain
+        rotation = self.largest_rotation
+        if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
+            found.append(large_motion(strain, rotation))
+        if touching and self.contact_facets < FEW_FACETS:
+            nodes = "1 node" if touching == 1 else f"{touching} nodes"
             found.append(
                 f"Too few facets are in contact for accurate pressures "
-                f"({self.contact_facets} whole facets, {touching} nodes): "
+                f"({self.contact_facets} whole facets, {nodes}): "
                 "refine the contact boundary."
             )
         if self.status.is_success and (loose := self.undetermined_motions):
@@ -374,10 +381,6 @@ class DiscreteSolution(Result):
         for note in (order_note(self.problem), what_is_unseen(self.problem)):
             if note:
                 found.append(note)
-        strain = self.largest_strain
-        rotation = self.largest_rotation
-        if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
-            found.append(large_motion(strain, rotation))
         return found
 
 
@@ -400,8 +403,7 @@ def large_motion(strain: float, rotation: float) -> str:
     """A remark on the error of linearised strains at the largest strain and rotation (rad)."""
     spurious = rotation**2 / 2
     return (
-        f"Strains reach {in_percent(strain)} and rotations {rotation:.2g} rad, but the model "
-        "assumes that they are small. Lengths and areas of the undeformed body are used, with a "
-        f"relative error of the size of the strain; the rotation adds a spurious strain of "
-        f"{in_percent(spurious)}. Elongations, stresses and forces may be wrong by as much."
+        f"Strains reach {in_percent(strain)} and rotations {rotation:.2g} rad, which is a spurious "
+        f"strain of {in_percent(spurious)}: the model is for small ones, and elongations, stresses "
+        "and forces may be wrong by as much."
     )

@@ -13,6 +13,7 @@ from ngepc import (
     Problem,
     confidence,
     evolve,
+    load_cycle,
     semismooth_newton,
     solve_to,
     verdict,
@@ -135,3 +136,18 @@ def test_every_feature_has_its_line(feature):
     line = confidence(result)
     assert line.startswith(("Guaranteed: ", "Estimate by "))
     assert "percent" in line
+
+
+def test_confidence_in_a_step_whose_hardening_falls_below_zero_between_points():
+    """The hardening of the first step is a polynomial, and negative beside what has yielded."""
+    metal = Material.metal(
+        young=1e3, poisson=0.3, yield_stress=5.0, tangent_modulus=50.0
+    )
+    problem = Problem(
+        block.structured_mesh(3, 2),
+        metal,
+        traction={"right": (2.0, -6.0)},
+        kinematics="axisymmetric",
+    )
+    line = confidence(evolve(problem, load_cycle(problem, [1.0, 0.5])))
+    assert "Estimate by one refinement, not guaranteed" in line

@@ -110,3 +110,22 @@ def test_a_linear_solver_that_was_asked_for_is_not_exchanged():
     options = NewtonOptions(inverse=Jacobi(max_iterations=1))
     result = semismooth_newton(problem, options=options)
     assert result.status is Status.NONFINITE
+
+
+def test_equilibrium_is_shown_by_its_resultants():
+    problem = Problem(
+        block.structured_mesh(1, 1), METAL, "clamped", traction={"right": (0.5, -1.0)}
+    )
+    shown = repr(semismooth_newton(problem).equilibrium)
+    assert shown.startswith("<Equilibrium: applied (0.5, -1), contact (")
+    assert "reaction (-0.5, 1)" in shown
+
+
+def test_the_worst_remark_comes_first():
+    """Strains outside of the model, before contact that a finer mesh resolves."""
+    problem = Problem(
+        block.structured_mesh(2, 2), METAL, contact="contact", gap=-0.2, order=1
+    )
+    message = semismooth_newton(problem).message
+    assert message.startswith("Strains reach ")
+    assert "whole facets, 3 nodes)" in message
