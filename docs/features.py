@@ -63,7 +63,9 @@ TAIL = """
 A method may cover two features but not both at once. These pairs are refused, too:
 
 - Plane stress, Hill's criterion and sub-elements have bounds on quadrilaterals if these are
-  parallelograms and `order=1`.
+  parallelograms and `order=1`. Hill's criterion and sub-elements have none on hexahedra.
+- Bounds on hexahedra need flat faces, and `order=1` with friction. If an obstacle is not affine
+  on faces (quadratic for order 2), the bound is one for a displacement that is moved clear of it.
 - Bounds, goals and brackets of two bodies, and of parts that contact alone holds, are for plane
   problems without friction. The first boundary of a pair must be straight, and the bodies are not
   tied. `evolve(error=...)` covers neither, `contact_force_bracket` no two bodies.

@@ -80,6 +80,28 @@ def distorted(n, size=0.25, seed=1, mixed=False):
     return Mesh(new)
 
 
+def tapered(n, layers=None, size=0.25, taper=0.3, seed=1, length=1.0):
+    """A cube of hexahedra with flat faces, over distorted squares, narrower at the top.
+
+    The sides 'left' and 'front' stay where they are.
+    """
+    flat = distorted(n, size, seed)
+    regular = block.structured_mesh(n, n)
+    pairs = zip(regular.vertices, flat.vertices, strict=True)
+    moved = {tuple(np.round(old.point, 9)): new.point for old, new in pairs}
+    mesh = block.structured_mesh(n, n, layers or n).ngmesh
+    for point in mesh.Points():
+        x, y = moved[tuple(np.round((point[0], point[1]), 9))]
+        narrow = 1 - taper * point[2]
+        place = (x * narrow, y * narrow, point[2])
+        for axis, value in enumerate(place):
+            point[axis] = length * value
+    for element in (*mesh.Elements3D(), *mesh.Elements2D()):
+        element.curved = True
+    mesh.Update()
+    return Mesh(mesh)
+
+
 def in_quadrilaterals(mesh):
     """A mesh of triangles, each cut into three convex quadrilaterals by its centre."""
     new = NetgenMesh(dim=2)

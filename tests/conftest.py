@@ -40,6 +40,7 @@ SLOW = (
     "bounds/test_goal_bound.py",
     "bounds/test_goals.py",
     "bounds/test_goals_of_bodies.py",
+    "bounds/test_hexahedra.py",
     "bounds/test_hidden.py",
     "bounds/test_laws.py",
     "bounds/test_matching.py",

@@ -102,8 +102,8 @@ def problem_with(feature):
     """A problem with this feature; a mesh is to be shared when a solution is there."""
     if feature == "solid":
         return pressed_body("tetrahedra")
-    if feature == "other shapes":
-        return pressed_body("hexahedra")
+    if feature in ("hexahedra", "prisms"):
+        return pressed_body(feature)
     if feature == "curved elements":
         return pressed_body("curved triangles")
     if feature == "shared mesh":

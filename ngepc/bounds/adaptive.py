@@ -13,10 +13,10 @@ from ngsolve import Mesh
 
 from ngepc._deprecated import renamed
 from ngepc.bounds.bound import ErrorBound, bound_and_search, data_on
+from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import COVERS as GOALS
 from ngepc.bounds.goal_bound import GoalBound, GoalProblem
-from ngepc.bounds.quadrilaterals import problem_on_simplices
 from ngepc.bounds.transfer import (
     bisected_to,
     carried_state,

@@ -22,7 +22,8 @@ from ngsolve import L2, GridFunction
 from ngepc._deprecated import old_names
 from ngepc.bounds.convex import conjugate_of
 from ngepc.bounds.corners import balanced_by_copy, pressure_on_copy, state_on_copy
-from ngepc.bounds.coverage import check_covered, is_bilinear
+from ngepc.bounds.counterpart import carried_result, cut_into_simplices
+from ngepc.bounds.coverage import CONSTANT, check_covered, is_bilinear
 from ngepc.bounds.data import (
     BoundData,
     balanced_stress,
@@ -33,11 +34,6 @@ from ngepc.bounds.data import (
 )
 from ngepc.bounds.held import holding_pressure
 from ngepc.bounds.plane import PlaneBoundData
-from ngepc.bounds.quadrilaterals import (
-    cut_into_triangles,
-    has_quadrilaterals,
-    triangulated,
-)
 from ngepc.bounds.solid import SolidBoundData
 from ngepc.bounds.transfer import check_free_of_functions
 from ngepc.bounds.upper_energy import changes
@@ -48,6 +44,7 @@ from ngepc.discretisation.sampled import sampled_data, what_is_unseen
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.elements import has_more_corners
 from ngepc.model.places import values_at
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import History, Status
@@ -219,9 +216,9 @@ def error_bound(result: object) -> ErrorBound:
     """
     problem = solved_problem(result)
     check_covered(problem)
-    if has_quadrilaterals(problem):
+    if has_more_corners(problem.mesh):
         check_free_of_functions(problem)
-        return bound_on_triangles(with_state(result))
+        return bound_on_simplices(with_state(result))
     if not isinstance(result, ExactResult):
         if not problem.contact_pairs:
             data_on(DiscreteProblem(problem))  # refuses boundary data
@@ -247,40 +244,70 @@ def solved_problem(result: object) -> Problem:
     return problem
 
 
-def bound_on_triangles(result: ExactResult) -> ErrorBound:
-    """The bound of a result on quadrilaterals, by a displacement v on triangles.
+def bound_on_simplices(result: ExactResult) -> ErrorBound:
+    """The bound of a result on other elements, by a displacement v on triangles or tetrahedra.
 
-    The stress is one on the triangles, or on a bisected copy of them.  Where v is not the
+    The stress is one on these, in the plane on a bisected copy of them.  Where v is not the
     displacement u of the result, an upper bound of J(u) - J(v) is added.
     """
     problem = result.problem
-    cut_mesh = cut_into_triangles(problem.mesh)
-    made = triangulated(result, cut_mesh)
+    cut_mesh = cut_into_simplices(problem)
+    made = carried_result(result, cut_mesh)
     found = clear_copy(made)
     if found is None:
-        carried = made.state
-        bound_data = data_on(carried.discrete)
-        state, moved = feasible_state(bound_data, carried)
+        given = made.state
+        bound_data = data_on(given.discrete)
+        state, moved = feasible_state(bound_data, given)
         parents = cut_mesh.parents
         P = None
     else:
-        bound_data, carried, state, moved, triangles = found
-        parents = cut_mesh.parents[triangles]
-        P = pressure_on_copy(made, bound_data.contact, triangles)
+        bound_data, given, state, moved, simplices = found
+        parents = cut_mesh.parents[simplices]
+        P = pressure_on_copy(made, bound_data.contact, simplices)
     own = result.state.with_radial_return()
     balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
-    algebraic = algebraic_gap(own, *balanced) + max(state.energy - carried.energy, 0.0)
+    algebraic = algebraic_gap(own, *balanced)
+    clear = stays_clear(result.state, bound_data, moved)
+    replaced = clear and not is_bilinear(problem)
+    if clear:
+        moved = 0.0
+    else:
+        algebraic += max(state.energy - given.energy, 0.0)
+    all_are_cut = np.bincount(cut_mesh.parents).min() > 1
+    loads_are_carried = not bound_data.carried.left.any()
+    bound_data.energy_is_replaced = replaced and all_are_cut and loads_are_carried
     tangent = Factors(bound_data.discrete, "sparsecholesky")
     bound, _ = best_bound(bound_data, (state, moved, algebraic), tangent, P)
     per_cell = np.bincount(parents, bound.per_cell, minlength=problem.mesh.ne)
     bound = replace(bound, per_cell=per_cell, given=problem)
-    if is_bilinear(problem) or moved > state.touching_distance:
+    if not replaced:
         return bound
     phi = bound_data.phi(state)
     change = changes(result.state, state, phi, parents, bound.total)
     energy = bound.energy + float(change.sum())
     total = bound.total + float(change.sum())
     return replace(bound, energy=energy, total=total, per_cell=per_cell + change)
+
+
+def stays_clear(own: State, bound_data: BoundData, moved: float) -> bool:
+    """Whether a displacement on other elements is known to be clear of the obstacle.
+
+    On edges of the plane it is v, which was ``moved``.  On faces u . n is a polynomial in the
+    reference coordinates.  So is the obstacle, of the same degree, if it is affine, for order two
+    quadratic; then the rows bound the Bernstein coefficients of the distance.
+    """
+    problem = own.discrete.problem
+    if problem.N == 2:
+        return moved <= own.touching_distance
+    if not problem.contact_names:
+        return True
+    boundary = bound_data.boundary
+    bent = [boundary.excess / boundary.cells.measure[boundary.contact, None]]
+    if problem.order == 1:
+        bent.append(boundary.gap[:, 3:])
+    allowed = CONSTANT * np.abs(boundary.gap).max(initial=0.0)
+    known = all(np.abs(part).max(initial=0.0) <= allowed for part in bent)
+    return known and own.penetration <= own.touching_distance
 
 
 def clear_copy(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule, Mesh
 
+from ngepc.bounds.hexahedra import check_hexahedra
 from ngepc.bounds.matching import check_interfaces
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.sampling import Scan
@@ -28,7 +29,7 @@ COVERS = (
     | HISTORY_FEATURES
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
     | {"anisotropic yield", "cyclic hardening", "quadrilaterals", "springs"}
-    | {"rate", "two bodies", "held by contact"}
+    | {"rate", "two bodies", "held by contact", "hexahedra"}
 )
 """Features that guaranteed bounds cover.
 
@@ -43,9 +44,9 @@ ON_PARALLELOGRAMS = {
     "anisotropic yield": "a bound with Hill's criterion",
     "cyclic hardening": "a bound with sub-elements",
 }
-"""Features that bounds cover on parallelograms of order one, but on no other quadrilaterals.
+"""Features that bounds cover on simplices and on parallelograms of order one.
 
-There no upper bound of the energy is known.
+On other elements no upper bound of the energy is known.
 """
 
 # part of its largest value by which a coefficient may vary on an element and count as constant
@@ -56,6 +57,7 @@ _INSIDE = {
     ET.TRIG: IntegrationRule(ET.TRIG, 8),
     ET.QUAD: IntegrationRule(ET.QUAD, 8),
     ET.TET: IntegrationRule(ET.TET, 6),
+    ET.HEX: IntegrationRule(ET.HEX, 6),
 }
 """Points at which polynomials of degree three are determined."""
 
@@ -208,17 +210,23 @@ def check_features(problem: Problem) -> None:
         require_covered(problem, "a bound with friction", COVERS - HELD)
     if FEATURES["quadrilaterals"].found(problem):
         require_covered(problem, "a bound on quadrilaterals", COVERS - HELD)
+    if FEATURES["hexahedra"].found(problem):
+        check_hexahedra(problem.mesh)
+        if problem.order == 2:
+            covers = COVERS - {"friction"}
+            require_covered(problem, "a bound on hexahedra of order 2", covers)
     check_pairs(problem)
     for feature, what in ON_PARALLELOGRAMS.items():
         if FEATURES[feature].found(problem) and not is_bilinear(problem):
-            covers = COVERS - {"quadrilaterals"}
-            advice = ", or parallelograms and order=1"
+            covers = COVERS - {"quadrilaterals", "hexahedra"}
+            advice = ", or parallelograms and order=1" if problem.N == 2 else ""
             require_covered(problem, what, covers, advice)
 
 
 def is_bilinear(problem: Problem) -> bool:
-    """Whether displacements on quadrilaterals are polynomials of degree two."""
-    return problem.order == 1 and are_parallelograms(problem.mesh)
+    """Whether displacements of a plane body are polynomials of degree two on each element."""
+    plane = problem.N == 2
+    return plane and problem.order == 1 and are_parallelograms(problem.mesh)
 
 
 def check_pairs(problem: Problem) -> None:

@@ -31,11 +31,11 @@ from ngsolve import L2, GridFunction
 
 from ngepc.bounds.adjoint import Adjoint, AdjointProblem, Start
 from ngepc.bounds.bound import ErrorBound, bound_and_search, bound_data_of, state_of
+from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_terms import GoalTerms, terms_of
 from ngepc.bounds.integrand import BoundPart, Integrand, VaryingIntegrand
-from ngepc.bounds.quadrilaterals import on_simplices
 from ngepc.bounds.transfer import on_matching
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import interval_in_words

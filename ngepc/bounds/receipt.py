@@ -21,13 +21,13 @@ from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state, state_
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.check_receipt import FORMAT, proved_intervals
 from ngepc.bounds.contact import BUBBLE, EDGES, LEVEL
+from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import GoalBound
 from ngepc.bounds.integrand import BoundPart
 from ngepc.bounds.polynomials import NODES, coefficients
-from ngepc.bounds.quadrilaterals import on_simplices
 from ngepc.bounds.simplices import FACETS
 from ngepc.checks.kinds import require_instance, require_path
 from ngepc.discretisation.factors import Factors
@@ -40,7 +40,7 @@ from ngepc.results.files import check_writable
 
 COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
 COVERS -= {"anisotropic yield", "cyclic hardening", "springs"}
-COVERS -= {"rate", "two bodies", "held by contact"}
+COVERS -= {"rate", "two bodies", "held by contact", "hexahedra"}
 """Features that receipts cover."""
 
 RESOLVED = 0.02

@@ -29,7 +29,7 @@ from ngepc.model.data import of_order_one, order_note
 from ngepc.model.features import BASIC_FEATURES, HISTORY_FEATURES, require_covered
 from ngepc.model.problem import Problem, as_scalar
 
-COVERS = BASIC_FEATURES | HISTORY_FEATURES | {"quadrilaterals", "other shapes"}
+COVERS = BASIC_FEATURES | HISTORY_FEATURES | {"quadrilaterals", "hexahedra", "prisms"}
 """Features that the paper's regularised method covers."""
 
 

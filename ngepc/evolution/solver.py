@@ -43,6 +43,8 @@ from ngepc.results.stored import array_of, stored_record
 log = logging.getLogger(__name__)
 
 UNCUT = (Status.STOPPED, Status.MESH_LIMIT)
+ON_SIMPLICES = COVERS - HELD - {"quadrilaterals", "hexahedra"}
+"""Features of steps with bounds: a plastic strain varies inside other elements."""
 """Statuses that a shorter step would not change."""
 
 StepSolver = Callable[..., Result]
@@ -211,7 +213,7 @@ class _Run:
             if self.error is not None:
                 _, step = self._checked[time]
                 check_carried(step)
-                require_covered(step, "error=...", COVERS - HELD - {"quadrilaterals"})
+                require_covered(step, "error=...", ON_SIMPLICES)
         # (end, halvings)
         self.pending = [(time, 0) for time in reversed(self.schedule.times)]
 

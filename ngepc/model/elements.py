@@ -162,6 +162,12 @@ def has_more_corners(mesh: Mesh) -> bool:
     return bool((element_nodes(mesh)[:, mesh.dim + 1 : 2**mesh.dim] >= 0).any())
 
 
+def has_elements_with(mesh: Mesh, corners: int) -> bool:
+    """Whether an element has this number of corners."""
+    nodes = element_nodes(mesh)[:, : 2**mesh.dim]
+    return bool(((nodes >= 0).sum(axis=1) == corners).any())
+
+
 def are_parallelograms(mesh: Mesh) -> bool:
     """Whether all quadrilaterals of a plane mesh are parallelograms."""
     nodes = element_nodes(mesh)[:, :4]

@@ -17,7 +17,12 @@ import numpy as np
 from ngepc.checks.arguments import is_number
 from ngepc.checks.sentences import in_words
 from ngepc.model.data import ProblemData
-from ngepc.model.elements import corner_vertices, has_more_corners, is_straight
+from ngepc.model.elements import (
+    corner_vertices,
+    has_elements_with,
+    has_more_corners,
+    is_straight,
+)
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.places import Coulomb, Roller
 from ngepc.model.support import floating_motions
@@ -49,7 +54,7 @@ KINEMATICS_FEATURES = frozenset(
 """Kinematics other than plane strain, the paper's and solids; thickness of plane bodies."""
 
 ELEMENT_FEATURES = frozenset(
-    {"order 2", "quadrilaterals", "other shapes", "curved elements"}
+    {"order 2", "quadrilaterals", "hexahedra", "prisms", "curved elements"}
 )
 """Elements other than straight simplices of order one."""
 
@@ -125,11 +130,11 @@ def _quadrilaterals(problem: ProblemData) -> Found:
     return {MESH: "quadrilaterals"} if found else {}
 
 
-def _other_shapes(problem: ProblemData) -> Found:
-    """The mesh of a solid, if an element has more corners than a tetrahedron."""
+def _solid_shape(name: str, corners: int, problem: ProblemData) -> Found:
+    """The mesh of a solid, if an element has this number of corners."""
     mesh = problem.mesh
-    found = mesh.dim == 3 and has_more_corners(mesh)
-    return {MESH: "hexahedra or prisms"} if found else {}
+    found = mesh.dim == 3 and has_elements_with(mesh, corners)
+    return {MESH: name} if found else {}
 
 
 def _curved(problem: ProblemData) -> Found:
@@ -199,7 +204,7 @@ def _springs(problem: ProblemData) -> Found:
     return {f"springs[{place!r}]": value for place, value in given}
 
 
-def _feature(needed: str, found: Callable, *arguments: str) -> Feature:
+def _feature(needed: str, found: Callable, *arguments: object) -> Feature:
     """A feature with these arguments of its search."""
     return Feature(needed, partial(found, *arguments))
 
@@ -218,7 +223,8 @@ FEATURES = {
     ),
     "order 2": _feature("displacements of order 1 (order=1)", _order),
     "quadrilaterals": _feature("triangles, all of them", _quadrilaterals),
-    "other shapes": _feature("tetrahedra, all of them", _other_shapes),
+    "hexahedra": _feature("tetrahedra, all of them", _solid_shape, "hexahedra", 8),
+    "prisms": _feature("tetrahedra, all of them", _solid_shape, "prisms", 6),
     "curved elements": _feature("straight edges (mesh.Curve(1) makes them)", _curved),
     "shared mesh": _feature("a mesh of one process", _shared),
     "kinematic hardening": _feature(

@@ -43,12 +43,10 @@ from ngepc import (
     write_receipt,
 )
 from ngepc.bounds import check_receipt
-from ngepc.bounds.quadrilaterals import (
-    cut_into_triangles,
-    diagonal_middles,
-    on_simplices,
-)
-from ngepc.bounds.upper_energy import Quadrilaterals, elastic_energies, upper_energies
+from ngepc.bounds.counterpart import on_simplices
+from ngepc.bounds.mapped import MappedElements
+from ngepc.bounds.quadrilaterals import cut_into_triangles, diagonal_middles
+from ngepc.bounds.upper_energy import elastic_energies, upper_energies
 from ngepc.geometries import block
 
 LOAD = {"right": (2.0, 1.5)}
@@ -120,7 +118,7 @@ def test_on_edges_the_function_is_the_same(order):
 def test_the_elastic_energy_is_bounded_from_above_and_sharply(order):
     traction = {"right": (0.2, 0.15)}
     result = semismooth_newton(plastic(distorted(4, 0.3), order, traction=traction))
-    those = Quadrilaterals.of(result.state)
+    (those,) = MappedElements.of(result.state)
     found, area = elastic_energies(those)
     gradient = Grad(result.displacement)
     strain = (gradient + gradient.trans) / 2

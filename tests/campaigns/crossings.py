@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
-from bodies import in_quadrilaterals
+from bodies import in_quadrilaterals, tapered
 from campaigns.random_problems import BODIES, Draw, build, draws
 from campaigns.two_bodies import held_block, two_blocks
 from ngsolve import CF, cos, sin, x, y
 
 from ngepc import semismooth_newton
 from ngepc.bounds.bound import ErrorBound, error_bound
-from ngepc.bounds.quadrilaterals import problem_on_simplices
+from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.studies.work import Work
 
@@ -38,6 +38,8 @@ WIDER = (
     "plane stress, order 2",
     "quadrilaterals",
     "quadrilaterals, order 2",
+    "hexahedra",
+    "hexahedra, order 2",
     "two bodies",
     "two bodies, order 2",
     "held",
@@ -45,15 +47,15 @@ WIDER = (
     "friction, order 2, solid",
 )
 """More kinds, with elastic foundations, in plane stress, with each triangle cut into three
-quadrilaterals, of two bodies, or held by contact alone: ``--rows "springs,plane stress"``."""
+quadrilaterals, of a few hexahedra, of two bodies, or held by contact alone:
+``--rows "springs,plane stress"``."""
 
 BISECTIONS = dict.fromkeys(
     [
         "solid",
         "springs, solid",
         "friction, order 2, solid",
-        "quadrilaterals",
-        "quadrilaterals, order 2",
+        *[kind for kind in WIDER if kind.startswith(("quadrilaterals", "hexahedra"))],
     ],
     1,
 )
@@ -123,6 +125,8 @@ def problem_of(draw, kind):
         problem = replace(problem, order=2)
     if kind.startswith("quadrilaterals"):
         return replace(problem, mesh=in_quadrilaterals(problem.mesh))
+    if kind.startswith("hexahedra"):
+        return replace(problem, mesh=few_hexahedra(draw))
     if kind.startswith("springs"):
         return with_springs(problem, draw)
     if rough:
@@ -137,6 +141,16 @@ def problem_of(draw, kind):
             problem, body_force=tuple(force * w for w in waves), traction=traction
         )
     return problem
+
+
+def few_hexahedra(draw):
+    """A cube of 8 to 64 hexahedra, or one that is distorted and narrower at the top."""
+    number = int(1e6 * draw.maxh)
+    n = 2 + number % 3
+    size = 0.25 * (number % 2)
+    return tapered(
+        n, size=size, taper=1.2 * size, seed=number, length=10**draw.length_unit
+    )
 
 
 def with_springs(problem, draw):
@@ -160,7 +174,7 @@ def with_springs(problem, draw):
 
 def random_draws(seed, kind):
     """An endless sequence of draws for problems of a kind; the L-shape mostly opens its gap."""
-    solid = kind.endswith("solid")
+    solid = kind.endswith("solid") or kind.startswith("hexahedra")
     drawn = (d for d in draws(seed) if (d.body == "cube") == solid)
     return (d for d in drawn if not kind.startswith("friction") or d.body != "lshape")
 
@@ -184,7 +198,7 @@ def random_crossings(seed, count, bisections, kind="order 1"):
 def finer(problem, bisections):
     """The problem on a mesh all of whose elements are bisected several times.
 
-    Quadrilaterals are cut into triangles of order two first.
+    Quadrilaterals and hexahedra are cut into simplices of order two first.
     """
     problem = problem_on_simplices(problem)
     for _ in range(bisections):
@@ -254,11 +268,12 @@ class Crossings(Work):
         ]
         return [
             f"Random problems of `tests/campaigns/random_problems.py`, seed {self.seed}. For "
-            "reference all elements are bisected twice, in space once, quadrilaterals are cut "
-            "into triangles of order two and these bisected once; errors are the largest that "
-            "the bounds there allow. Margin: how far each energy is above the lower bound of the "
-            "other mesh, in units of the bound. A failure is a problem with an exception, an "
-            "energy below the lower bound of the other mesh, or a negative indicator.",
+            "reference all elements are bisected twice, in space once, quadrilaterals and "
+            "hexahedra are cut into simplices of order two and these bisected once; errors are "
+            "the largest that the bounds there allow. Margin: how far each energy is above the "
+            "lower bound of the other mesh, in units of the bound. A failure is a problem with "
+            "an exception, an energy below the lower bound of the other mesh, or a negative "
+            "indicator.",
             *[f"- {label}: {'; '.join(texts)}" for label, texts in wrong],
         ]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bodies import STEEL
+from bodies import STEEL, prisms
 from ngsolve import CF
 
 import ngepc
@@ -58,7 +58,8 @@ ONE_MORE = {
     "other kinematics": {"kinematics": Kinematics("mine", 2, KINEMATICS[0].basis)},
     "order 2": {"order": 2},
     "quadrilaterals": {"mesh": block.structured_mesh(2, 2)},
-    "other shapes": {"mesh": block.structured_mesh(1, 1, 1), "kinematics": "solid"},
+    "hexahedra": {"mesh": block.structured_mesh(1, 1, 1), "kinematics": "solid"},
+    "prisms": {"mesh": prisms(1), "kinematics": "solid"},
     "isotropic hardening": {
         "material": replace(STEEL, hardening_modulus=0.1, hardening_stiffness=1e3)
     },
@@ -88,7 +89,8 @@ ONE_MORE = {
 """Feature -> what gives it to the plain problem."""
 
 IMPLIED = {
-    "other shapes": {"solid"},
+    "hexahedra": {"solid"},
+    "prisms": {"solid"},
     "held by contact": {"obstacle"},
     "friction": {"obstacle"},
     "Coulomb friction": {"obstacle", "friction"},

@@ -89,7 +89,7 @@ def distance(one, other):
 def finer(feature):
     """The result of the witness with the edges of the mesh halved."""
     problem = problem_of(feature)
-    if feature == "other shapes":  # Netgen does not refine hexahedra
+    if feature == "hexahedra":  # Netgen does not refine them
         return again(replace(problem, mesh=block.structured_mesh(4, 4, 4)))
     return on_a_finer_mesh(problem)
 
