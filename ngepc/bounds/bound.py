@@ -60,11 +60,12 @@ class ErrorBound:
     state
         The displacement u of the bound; J(u) - inf J is its energy error.  Where few elements have
         most of the error, it is a function on a bisected copy of the mesh, see ``given``.  For
-        quadrilaterals it is a function v on triangles that is equal to u on the edges of the
-        elements.
+        quadrilaterals and hexahedra it is a function v on simplices that is equal to u on the edges
+        of the elements.
     energy
-        J(u), with the term int F |slip| of Tresca friction; at least inf J.  For quadrilaterals an
-        upper bound of the energy of the result itself, not of v; of v where ``moved`` > 0.
+        J(u), with the term int F |slip| of Tresca friction; at least inf J.  For quadrilaterals
+        and hexahedra an upper bound of the energy of the result itself, not of v; of v where
+        ``moved`` > 0.
     total
         Upper bound of the energy error (force times length).
     algebraic

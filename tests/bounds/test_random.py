@@ -21,6 +21,8 @@ CHOSEN = [
     (5, "springs, solid", 1),
     (4, "quadrilaterals", 2),
     (8, "quadrilaterals, order 2", 2),
+    (1, "hexahedra", 1),
+    (1, "hexahedra, order 2", 1),
     (2, "two bodies", 3),
     (3, "two bodies, order 2", 2),
 ]

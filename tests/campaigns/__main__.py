@@ -13,6 +13,7 @@ from pathlib import Path
 
 from campaigns.cones import Cones
 from campaigns.crossings import Crossings
+from campaigns.cubes import Cubes
 from campaigns.derivatives import Derivatives
 from campaigns.equilibria import Equilibria
 from campaigns.foreign import Foreign
@@ -77,6 +78,9 @@ def arguments():
     squares = campaigns.add_parser("squares", help="bounds on quadrilaterals")
     squares.set_defaults(kind=Squares, options=("fine",))
     squares.add_argument("--fine", type=int, default=Squares.fine)
+    cubes = campaigns.add_parser("cubes", help="bounds on hexahedra")
+    cubes.set_defaults(kind=Cubes, options=("known",))
+    cubes.add_argument("--known", type=float, default=Cubes.known)
     narrow = campaigns.add_parser(
         "hidden", help="bounds for data that quadrature misses"
     )
