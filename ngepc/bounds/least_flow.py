@@ -74,8 +74,8 @@ def flows(
     those: MappedElements, parts: np.ndarray, cell: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lower bounds of the integrals of G over parts as large as elements, and those by a rule."""
-    expanded = those.bend if those.N == 3 else 3 * those.bend
-    rule = IntegrationRule(SHAPES[those.N], 2 * those.degree + expanded)
+    degree = 2 * those.degree + 3 * those.bend
+    rule = IntegrationRule(SHAPES[those.N], degree)
     places = np.array(rule.points)[:, : those.N]
     values = bernstein_functions(places, those.common)
     weights = np.array(rule.weights)
@@ -117,7 +117,7 @@ def few_flows(
     if law.resistance.is_constant:
         s = at.trial.reshape(*G.shape, -1)
         yields = those.law(cell, 1)
-        found = linear_flow(s, J, weights, positive[..., 0], yields.beta, those.N)
+        found = linear_flow(s, J, weights, positive[..., 0], yields.beta)
         low = np.maximum(low, found / (2 * yields.modulus))
     return low, near
 
@@ -128,7 +128,6 @@ def linear_flow(
     weights: np.ndarray,
     positive: np.ndarray,
     beta: np.ndarray,
-    N: int,
 ) -> np.ndarray:
     """Lower bounds of int [|s| - beta]_+^2 over parts, zero where s may be below beta, (n,).
 
@@ -150,6 +149,6 @@ def linear_flow(
     squares = (a - beta[:, None]) ** 2 + share[:, None] * across
     c = (J.max(axis=1) + J.min(axis=1))[:, None] / 2
     t = J / c - 1
-    inverse = (1 - t) * (1 + t**2) / c if N == 2 else (1 - t) / c
+    inverse = (1 - t) * (1 + t**2) / c
     found = (weights * J**2 * inverse * squares).sum(axis=1)
     return np.where(yields, found, 0.0)

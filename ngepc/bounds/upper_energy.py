@@ -23,8 +23,7 @@ parallelepipeds, k + 1 on other hexahedra; that of J is 1, 0 or 2.  The density 
 
       (|s| - beta)^2  >=  (a - beta)^2 + (1 - beta/m) (|s|^2 - a^2).
 
-  J^2 times this is a polynomial, which is integrated with 1/J >= (1 - t)(1 + t^2)/c, t = J/c - 1,
-  in space with 1/J >= (1 - t)/c.
+  J^2 times this is a polynomial, which is integrated with 1/J >= (1 - t)(1 + t^2)/c, t = J/c - 1.
   m is the least quotient of Bernstein coefficients of the polynomials a J and J.
 """
 

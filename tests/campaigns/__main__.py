@@ -79,8 +79,7 @@ def arguments():
     squares.set_defaults(kind=Squares, options=("fine",))
     squares.add_argument("--fine", type=int, default=Squares.fine)
     cubes = campaigns.add_parser("cubes", help="bounds on hexahedra")
-    cubes.set_defaults(kind=Cubes, options=("known",))
-    cubes.add_argument("--known", type=float, default=Cubes.known)
+    cubes.set_defaults(kind=Cubes, options=())
     narrow = campaigns.add_parser(
         "hidden", help="bounds for data that quadrature misses"
     )
