@@ -300,6 +300,7 @@ def test_friction():
     ]
     assert bounds[0].least_energy <= bounds[1].energy
     assert bounds[1].least_energy <= bounds[0].energy
+    assert bounds[0].total < 3 * (bounds[0].energy - bounds[1].least_energy)
 
 
 @BOTH
@@ -369,8 +370,6 @@ def test_what_is_not_covered_is_refused_by_name():
     refused("mesh has prisms: a bound needs tetrahedra", prisms(1))
     rubbed = {"contact": "contact", "gap": -1e-3, "friction": 0.3}
     refused("friction=0.3: a bound on hexahedra of order 2", cubes, 2, **rubbed)
-    with pytest.raises(ValueError, match=r"friction=0\.3: a goal bound of order 2"):
-        goal_bound(semismooth_newton(plastic(cubes, 1, **rubbed)), "contact_force")
     hill = replace(STEEL, hill=Hill.r_values(1.8, 1.2, 2.3))
     refused("hexahedra: a bound with Hill's", cubes, material=hill)
     pull = GridFunction(H1(cubes, order=1))

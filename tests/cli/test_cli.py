@@ -17,7 +17,6 @@ from ngepc.geometries import block
 from ngepc.results.records import FIELDS
 from ngepc.studies.limit_problems import LIMITS
 
-
 pytestmark = pytest.mark.usefixtures("quickly_drawn")
 
 
