@@ -101,9 +101,8 @@ class EvolutionFile:
         """Write all finished steps and the pending times."""
         arrays = {}
         for i, step in enumerate(steps):
-            u = step.fields.displacement
-            p = step.fields.plastic_increment
-            arrays |= {f"u{i}": u.vec.FV().NumPy(), f"p{i}": p.vec.FV().NumPy()}
+            arrays[f"u{i}"] = step.values_of("displacement")
+            arrays[f"p{i}"] = step.values_of("plastic_increment")
             arrays |= {} if step.contact is None else {f"contact{i}": step.contact}
         for step in steps[len(self._rows) :]:
             digest = problem_fingerprint(step.problem)

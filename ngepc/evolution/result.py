@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 
@@ -13,6 +14,7 @@ from ngepc._deprecated import old_names
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import Points
 from ngepc.evolution.distance import DistanceBound, distance_of
+from ngepc.evolution.kept import KeptFields, Store
 from ngepc.evolution.memory import Memory
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem
@@ -117,12 +119,50 @@ def elastic_energy(points: Points, material: Material, e: np.ndarray) -> float:
 class EvolutionStep:
     """One finished step: its fields, its numbers and the forces of its contact rows.
 
-    ``contact`` are those of ``State.contact``, None for a solver that has no such rows.
+    ``evolve`` puts the arrays of earlier steps into a temporary file; ``fields`` are made from them
+    when they are asked for, and live as long as they are used.
+
+    Parameters
+    ----------
+    fields
+        Displacement and plastic strain of the step, and what follows from them.
+    record
+        The numbers of the step.
+    contact
+        Forces of the contact rows as of ``State.contact``, None for a solver that has no such rows.
     """
 
     fields: Fields
     record: StepRecord
     contact: np.ndarray | None = None
+
+    def __getattr__(self, name: str) -> Fields:
+        """The ``fields`` of a step that has been put away."""
+        kept = vars(self).get("kept")
+        if name == "fields" and kept is not None:
+            return kept.fields
+        return object.__getattribute__(self, name)  # says what is missing
+
+    def put_away(self, store: Store, before: Memory) -> None:
+        """Keep the arrays in a store alone; ``before`` is the history that the step begins with.
+
+        They stay in memory if the disk is full.
+        """
+        with suppress(OSError):
+            vars(self)["kept"] = KeptFields(store, self.fields, before)
+            del vars(self)["fields"]
+
+    def __getstate__(self) -> dict:
+        """Everything, with the fields in memory."""
+        named = {"fields": self.fields} | vars(self)
+        return {name: value for name, value in named.items() if name != "kept"}
+
+    def values_of(self, name: str) -> np.ndarray:
+        """The vector of "displacement" or "plastic_increment", to be read only."""
+        kept = vars(self).get("kept")
+        if kept is None:
+            return getattr(self.fields, name).vec.FV().NumPy()
+        return kept.array(name)
 
     @property
     def problem(self) -> Problem:
@@ -145,8 +185,7 @@ class EvolutionStep:
                 "exact methods"
             )
         discrete = DiscreteProblem(self.problem)
-        values = self.fields.displacement.vec.FV().NumPy()
-        u = nodal(values, self.problem).copy()
+        u = nodal(self.values_of("displacement"), self.problem).copy()
         state = discrete.state(u, contact=self.contact)
         return ExactResult(state, Status.CONVERGED, "", History())
 

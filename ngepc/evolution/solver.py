@@ -25,6 +25,7 @@ from ngepc.checks.sentences import in_words
 from ngepc.discretisation.loads import displacement_space
 from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.increments import Increments
+from ngepc.evolution.kept import Store
 from ngepc.evolution.load_path import Schedule, as_schedule
 from ngepc.evolution.memory import Memory, check_kind
 from ngepc.evolution.remarks import remarks
@@ -46,6 +47,9 @@ UNCUT = (Status.STOPPED, Status.MESH_LIMIT)
 ON_SIMPLICES = COVERS - HELD - {"quadrilaterals", "hexahedra"}
 """Features of steps with bounds: a plastic strain varies inside other elements."""
 """Statuses that a shorter step would not change."""
+
+IN_MEMORY = 2
+"""The last steps, from which the next one starts: their arrays are in memory, not in a file."""
 
 StepSolver = Callable[..., Result]
 """Called as solver(problem, start=a displacement or None).
@@ -207,6 +211,10 @@ class _Run:
     def __post_init__(self) -> None:
         self.evolution = Evolution(self.problem, [], Memory.initial(self.problem))
         self._own = OwnCopies()
+        self._store = Store()
+        self._before: dict[
+            int, Memory
+        ] = {}  # the histories that the last steps begin with
         self._checked: dict[float, tuple[Problem, Problem]] = {}
         for time in self.schedule.times:
             self._problem_at(time)
@@ -405,9 +413,15 @@ class _Run:
         return ""
 
     def _append(self, step: EvolutionStep) -> None:
-        memory = self.evolution.memory.after_step(step.problem, step.fields)
+        before = self.evolution.memory
+        memory = before.after_step(step.problem, step.fields)
         if self.error is not None:
             memory = memory.as_bounds_need_it()
         self.evolution.memory = memory
         self.evolution.steps.append(step)
         self.start = step.fields.displacement
+        number = len(self.evolution.steps) - 1
+        self._before[number] = before
+        old = number - IN_MEMORY
+        if old in self._before:
+            self.evolution.steps[old].put_away(self._store, self._before.pop(old))
