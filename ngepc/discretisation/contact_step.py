@@ -175,7 +175,8 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
     and its inverse, both for (n, t).
     """
     m = len(follows)
-    known = []
+    directions = np.zeros((0, m + follows.size))  # and their products with S
+    products = directions
     T = np.zeros((PROBES + 1, PROBES + 1))
     g = np.random.default_rng(0).standard_normal(m + follows.size)
     d = stiffness(g)
@@ -194,7 +195,8 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
             T[k, k - 1] = T[k - 1, k] = size
         v = d / size
         Sv = g / size
-        known.append((v, Sv))
+        directions = np.vstack([directions, v])
+        products = np.vstack([products, Sv])
         # E'Sv
         back = np.append(
             (follows * Sv[m:].reshape(follows.shape)).sum(axis=1), 0 * Sv[m:]
@@ -203,10 +205,10 @@ def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
         d = (slanted + stiffness(back)) / 2
         g = (compliance(slanted) + back) / 2
         T[k, k] = d @ Sv
-        for v, Sv in known * 2:
-            share = d @ Sv
-            d = d - share * v
-            g = g - share * Sv
+        for _ in range(2):  # one pass leaves rounding errors
+            shares = products @ d
+            d = d - shares @ directions
+            g = g - shares @ products
     return False
 
 

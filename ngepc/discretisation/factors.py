@@ -55,6 +55,8 @@ class Factors:
         self.back_substitutions = 0
         self._in_blocks = name in FROM_LOWER_TRIANGLE
         self._right, self._left = (self._matrix.CreateColVector() for _ in range(2))
+        self._forces = self._right.FV().NumPy()
+        self._answer = self._left.FV().NumPy()
         nodal = problem.order == 1 and not problem.contact_pairs
         self.stiffened = self._stiffened if nodal else None
         self._held: Factors | None = None  # with springs of the contact rows
@@ -110,7 +112,7 @@ class Factors:
         FactorisationError if they are not finite.
         """
         self.back_substitutions += 1
-        self._right.FV().NumPy()[:] = np.where(self._free, forces, 0.0).ravel()
+        self._forces[:] = np.where(self._free, forces, 0.0).ravel()
         with self._threads():
             self._left.data = self._inverse * self._right
         if self.back_substitutions == 1 and self._in_blocks:
@@ -119,16 +121,16 @@ class Factors:
                 self._in_blocks = False
                 self._factorise()
                 self._left.data = self._inverse * self._right
-        u = self._left.FV().NumPy().reshape(self._free.shape).copy()
+        u = self._answer.reshape(self._free.shape).copy()
         if not np.isfinite(u).all():
             raise FactorisationError(f"{self._name} found a singular tangent")
         return u
 
     def multiply(self, u: np.ndarray) -> np.ndarray:
         """The tangent times displacements that vanish where held, both (nodes, N)."""
-        self._right.FV().NumPy()[:] = u.ravel()
+        self._forces[:] = u.ravel()
         self._left.data = self._matrix * self._right
-        return self._left.FV().NumPy().reshape(u.shape).copy()
+        return self._answer.reshape(u.shape).copy()
 
 
 def tangent_of(

@@ -212,14 +212,11 @@ class _Run:
         self.evolution = Evolution(self.problem, [], Memory.initial(self.problem))
         self._own = OwnCopies()
         self._store = Store()
-        self._before: dict[
-            int, Memory
-        ] = {}  # the histories that the last steps begin with
+        self._before: dict[int, Memory] = {}  # histories before the last steps
         self._checked: dict[float, tuple[Problem, Problem]] = {}
         for time in self.schedule.times:
-            self._problem_at(time)
+            step = self._checked_step(time)
             if self.error is not None:
-                _, step = self._checked[time]
                 check_carried(step)
                 require_covered(step, "error=...", ON_SIMPLICES)
         # (end, halvings)
@@ -293,9 +290,22 @@ class _Run:
         times = self.evolution.times
         return times[-1] if times else self.schedule.begin
 
+    def _checked_step(self, time: float) -> Problem:
+        """A step before any is solved: its data are legal, and its material follows the history."""
+        step = self._stated(time, self._duration(time))
+        self.evolution.memory.with_material(step.material)
+        if step.friction is not None:
+            self.schedule.dragged(self._now, time, step.N)
+        return step
+
+    def _duration(self, time: float) -> float | None:
+        """The length of a step to a time, None if it is unknown."""
+        now = self._now
+        return None if now is None else time - now
+
     def _problem_at(self, time: float) -> Problem:
         now = self._now
-        left: dict[str, object] = {"duration": None if now is None else time - now}
+        left: dict[str, object] = {"duration": self._duration(time)}
         step = self._stated(time, left["duration"])
         if step.friction is not None:
             left["initial_displacement"] = self._start_of_slip(now, time)
@@ -321,7 +331,9 @@ class _Run:
         start = self.start
         if dragged is None:
             return problem.initial_displacement if start is None else start
-        moved = GridFunction(displacement_space(problem), name="start_of_slip")
+        here = isinstance(start, GridFunction) and start.space.mesh is problem.mesh
+        space = start.space if here else displacement_space(problem)
+        moved = GridFunction(space, name="start_of_slip")
         moved.Set(dragged)
         if start is None and problem.u_0 is not None:
             start = GridFunction(moved.space)

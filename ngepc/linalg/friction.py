@@ -228,6 +228,10 @@ class FrictionCone:
         largest_normal = np.full(len(self.cap), np.inf)
         return np.append(least_normal, -most), np.append(largest_normal, most)
 
+    def sizes(self, t: np.ndarray) -> np.ndarray:
+        """Norms of tangential forces, (m, d) -> (m,)."""
+        return np.abs(t[:, 0]) if self.d == 1 else np.linalg.norm(t, axis=1)
+
     def slipping(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
         """What rows do by a trial force y = x - c g, all of shape (m,) but for the direction.
 
@@ -235,7 +239,7 @@ class FrictionCone:
         """
         n, t = self.split(y)
         b = self.bound(n)
-        size = np.linalg.norm(t, axis=1)
+        size = self.sizes(t)
         return (
             (size > b) | (b <= 0),
             t / np.where(size > 0, size, 1.0)[:, None],
@@ -246,7 +250,7 @@ class FrictionCone:
     def projected(self, y: np.ndarray) -> np.ndarray:
         """The point of |t| <= b(n) closest to y_t, with n = [y_n]_+; both stacked."""
         n, t = self.split(y)
-        size = np.abs(t[:, 0]) if self.d == 1 else np.linalg.norm(t, axis=1)
+        size = self.sizes(t)
         bound = self.bound(n)
         slips = size > bound
         share = np.where(slips, bound / np.where(slips, size, 1.0), 1.0)

@@ -30,58 +30,44 @@ class Compliance:
     """
 
     def __init__(self, diagonal: np.ndarray, columns: np.ndarray | None = None) -> None:
-        self._diagonal = diagonal  # W = diag + columns diag(signs) columns'
-        self._columns = np.zeros((len(diagonal), 0)) if columns is None else columns
-        self._signs = np.ones(self._columns.shape[1])
+        self._matrix = np.diag(diagonal)
+        if columns is not None:
+            self._matrix += columns @ columns.T
         self.restart()
 
     @classmethod
     def of(cls, S: np.ndarray) -> Compliance:
         """W = S, known from the start; a force that moves nothing has the largest diagonal."""
-        S = S + np.diag(np.where(S.diagonal() > 0, 0.0, S.diagonal().max(initial=0.0)))
-        W = cls(np.zeros(len(S)))
-        sizes, vectors = np.linalg.eigh((S + S.T) / 2)
-        W._columns = vectors * np.sqrt(np.abs(sizes))
-        W._signs = np.sign(sizes)
+        sizes = S.diagonal()
+        W = cls(np.where(sizes > 0, 0.0, sizes.max(initial=0.0)))
+        W._matrix += (S + S.T) / 2
         return W
 
     def __matmul__(self, forces: np.ndarray) -> np.ndarray:
-        return self._diagonal * forces + self._columns @ (
-            self._signs * (forces @ self._columns)
-        )
+        return self._matrix @ forces
 
     @property
     def diagonal(self) -> np.ndarray:
         """The diagonal of W."""
-        return self._diagonal + (self._columns**2) @ self._signs
+        return self._matrix.diagonal()
 
     def block(self, chosen: np.ndarray) -> np.ndarray:
-        """Rows and columns of W for some of the forces, dense."""
-        columns = self._columns[chosen]
-        return np.diag(self._diagonal[chosen]) + (columns * self._signs) @ columns.T
+        """Rows and columns of W for some of the forces, a copy."""
+        return self._matrix[np.ix_(chosen, chosen)]
 
     def plus(self, diagonal: np.ndarray) -> Compliance:
         """W and a diagonal, which has learned nothing."""
-        other = Compliance(self._diagonal + diagonal)
-        other._columns = self._columns
-        other._signs = self._signs
+        other = Compliance(diagonal)
+        other._matrix += self._matrix
         return other
+
+    def copy(self) -> Compliance:
+        """The same W, which has learned nothing and learns for itself."""
+        return self.plus(np.zeros(len(self._matrix)))
 
     def restart(self) -> None:
         """Start with a new tangent K: known products become a guess."""
         self._learned: list[tuple[np.ndarray, np.ndarray]] = []
-        if self._columns.shape[1] > 2 * len(self._diagonal):
-            self._condense()
-
-    def _condense(self) -> None:
-        """Write W as C C' with as many columns as there are forces."""
-        try:
-            factor = np.linalg.cholesky(self.block(np.arange(len(self._diagonal))))
-        except np.linalg.LinAlgError:  # rounding
-            return
-        self._diagonal = np.zeros(len(factor))
-        self._columns = factor
-        self._signs = np.ones(len(factor))
 
     def learn(self, force: np.ndarray, answer: np.ndarray) -> bool:
         """Update W such that W force = answer = S force; False if that holds already."""
@@ -96,8 +82,7 @@ class Compliance:
         v = force / np.sqrt(size)
         Sv = answer / np.sqrt(size)
         guess = self @ v
-        self._columns = np.column_stack([self._columns, Sv, guess / np.sqrt(v @ guess)])
-        self._signs = np.append(self._signs, [1.0, -1.0])
+        self._matrix += np.outer(Sv, Sv) - np.outer(guess, guess / (v @ guess))
         self._learned.append((v, Sv))
         return True
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -165,7 +164,7 @@ class RepeatedSolver:
         """
         with_friction = discrete.contact.friction.d > 0
         if with_friction and len(discrete.contact) <= FEW_FORCES:
-            return copy(discrete.elastic_compliance)
+            return discrete.elastic_compliance.copy()
         return discrete.compliance()
 
     def solve_from(
