@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Mesh, Trace, dx
@@ -118,6 +118,18 @@ class Stiffness(Blocks):
         return bsr_matrix((values, self.columns[chosen], starts), shape=shape)
 
 
+class Gather(NamedTuple):
+    """Which blocks some elements touch, and how they are summed from pairs of nodes.
+
+    ``fresh`` are positions that no earlier element has touched, which are written without being
+    read, ``seen`` the others; rows of the ``matrix`` are the blocks in this order.
+    """
+
+    fresh: np.ndarray
+    seen: np.ndarray
+    matrix: csr_matrix
+
+
 class ElementStiffness(Stiffness):
     """B' C B, summed element by element, for moduli at the points."""
 
@@ -127,12 +139,16 @@ class ElementStiffness(Stiffness):
         blocks = [list(block.parts) for block in points.blocks]
         most = max(part.nodes.size * part.nodes.shape[1] for b in blocks for part in b)
         self._ones = np.ones(most)
-        self._gathers = [[self._gather(part) for part in block] for block in blocks]
+        seen = np.zeros(len(self.rows), dtype=bool)
+        self._gathers = [
+            [self._gather(part, seen) for part in block] for block in blocks
+        ]
 
-    def _gather(self, part: Elements) -> tuple[np.ndarray, csr_matrix]:
-        """Positions of the blocks of some elements, and a matrix that sums pairs of nodes to them.
+    def _gather(self, part: Elements, seen: np.ndarray) -> Gather:
+        """How the blocks of some elements are summed.
 
         The block of nodes i >= j takes the pair (a, b) of an element with its nodes in this order.
+        Blocks that earlier elements have touched are ``seen``.
         """
         count, k = part.nodes.shape
         a, b = np.tril_indices(k)
@@ -141,31 +157,37 @@ class ElementStiffness(Stiffness):
         pair = np.where(i >= j, k * a + b, k * b + a)
         pair = pair + k * k * np.arange(count)[:, None]
         places = self.places(np.maximum(i, j), np.minimum(i, j)).ravel()
-        order = np.argsort(places, kind="stable")
-        touched, first = np.unique(places[order], return_index=True)
+        order = np.lexsort((places, seen[places]))
+        places = places[order]
+        first = np.flatnonzero(np.diff(places, prepend=-1))
+        touched = places[first]
+        fresh = len(touched) - int(np.count_nonzero(seen[touched]))
+        seen[touched] = True
         starts = np.append(first, len(order)).astype(np.int32)
         columns = pair.ravel()[order].astype(np.int32)
         shape = (len(touched), count * k * k)
-        gather = csr_matrix((self._ones[: len(order)], columns, starts), shape=shape)
-        return touched.astype(np.int32), gather
+        matrix = csr_matrix((self._ones[: len(order)], columns, starts), shape=shape)
+        positions = touched.astype(np.int32)
+        return Gather(positions[:fresh], positions[fresh:], matrix)
 
     def summed(self, data: Moduli, out: np.ndarray | None = None) -> np.ndarray:
         """See ``Stiffness``."""
         if out is None:
             out = np.empty((len(self.rows), self.N, self.N))
         values = out.reshape(len(self.rows), self.N**2)
-        values[:] = 0.0
 
-        def blocks_of(given: tuple[Elements, tuple]) -> tuple[np.ndarray, np.ndarray]:
-            """Positions of the blocks of some elements, and the contributions to them."""
-            part, (touched, gather) = given
+        def blocks_of(given: tuple[Elements, Gather]) -> tuple[Gather, np.ndarray]:
+            """The blocks of some elements."""
+            part, gather = given
             K = part.stiffness(data).reshape(self.N**2, -1)
-            return touched, np.column_stack([gather @ one for one in K])
+            return gather, np.column_stack([gather.matrix @ one for one in K])
 
         for block, gathers in zip(self._points.blocks, self._gathers, strict=True):
             parts = list(zip(block.parts, gathers, strict=True))
-            for touched, added in in_order(blocks_of, parts):
-                values[touched] += added
+            for gather, blocks in in_order(blocks_of, parts):
+                count = len(gather.fresh)
+                values[gather.fresh] = blocks[:count]
+                values[gather.seen] += blocks[count:]
         return out
 
 

@@ -517,7 +517,7 @@ class _Equation:
             if step is None:
                 break
             before = trial.left
-            length, trial = self._shortened(change, step, before)
+            length, trial = self._shortened(change, step, max(before, ROUNDED * scale))
             left = trial.left
             change = change + length * step
             x = self.forces + change
@@ -533,7 +533,7 @@ class _Equation:
     def _shortened(
         self, change: np.ndarray, step: np.ndarray, before: float
     ) -> tuple[float, _Trial]:
-        """The length of a step that lowers the residual, else 1, and the equation there."""
+        """The length of a step that ends below a residual, else 1, and the equation there."""
         whole = self.at(change + step)
         length = 1.0
         found = whole

@@ -29,6 +29,8 @@ class LowerStorage:
         self._matrix = stiffness.matrix()
         self._blocks = stiffness.entries(self._matrix)
         self._right, self._left = (self._matrix.CreateColVector() for _ in range(2))
+        self._given = self._right.FV().NumPy()
+        self._product = self._left.FV().NumPy()
 
     @property
     def matrix(self) -> LowerStorage:
@@ -41,9 +43,9 @@ class LowerStorage:
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """See ``Storage``."""
-        self._right.FV().NumPy()[:] = x
+        self._given[:] = x
         self._matrix.Mult(self._right, self._left)
-        return self._left.FV().NumPy().copy()
+        return self._product.copy()
 
     def pin(self, nodes: np.ndarray, projections: np.ndarray) -> csr_matrix:
         """See ``Storage``."""

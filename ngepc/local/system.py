@@ -182,6 +182,7 @@ class State(Iterate):
         start = dot(pull, self.u)
         rise = dot(pull, change)
         latest = {}
+        stresses = {}
 
         def at(t: float) -> Return:
             """The law at u + t du."""
@@ -194,7 +195,10 @@ class State(Iterate):
 
         def work(t: float) -> float:
             """The derivative of the energy along the step."""
-            mean, stress = law.stress(at(t))
+            if t not in stresses:
+                stresses.clear()
+                stresses[t] = law.stress(at(t)) if t else self.stress
+            mean, stress = stresses[t]
             power = mean * volume + np.einsum("pd,pd->p", stress, e)
             return points.integral(power) + start + t * rise
 
@@ -202,9 +206,17 @@ class State(Iterate):
             """The state at a step length."""
             w = law.linearised(self.at, self.yielding, volume, e)
             w = self.yielding + t * (w - self.yielding)
-            return self.discrete.state(self.u + t * change, w, contact, at(t))
+            state = self.discrete.state(self.u + t * change, w, contact, at(t))
+            if t in stresses:
+                vars(state)["stress"] = stresses[t]
+            return state
 
         return work, moved
+
+    @cached_property
+    def stress(self) -> tuple[np.ndarray, np.ndarray]:
+        """The factor of tr eps in sigma : eps, and dev sigma in coordinates (points, d)."""
+        return self.discrete.law.stress(self.at)
 
     @cached_property
     def energy(self) -> float:
@@ -236,5 +248,4 @@ class State(Iterate):
     def internal_forces(self) -> np.ndarray:
         """Nodal forces of the stress and on the springs, shape (nodes, N)."""
         pull = self.discrete.supports.pull(self.u)
-        stress = self.discrete.law.stress(self.at)
-        return pull + self.discrete.points.forces(*stress)
+        return pull + self.discrete.points.forces(*self.stress)
