@@ -40,7 +40,7 @@ from ngepc.model.kinematics import Kinematics
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team, nodal_processes_of
 
-CHUNK = 100_000
+CHUNK = 200_000
 """Numbers in the rows of the elements that are held in memory at once: few enough for a cache."""
 
 
