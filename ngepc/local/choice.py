@@ -24,22 +24,19 @@ def fastest_solver(body: DiscreteProblem) -> str | Iterative:
     """The linear solver for ``NewtonOptions(inverse=None)``.
 
     Factors in the plane, where their cost grows little faster than the number of nodes, and for
-    small bodies in space.  Larger ones use multigrid, ``PyAMG()``.  With Tresca's friction, for
-    which it needs fewer iterations, ``PETSc()`` takes its place where petsc4py is installed.  Only
-    PETSc covers meshes that processes share.
+    small bodies in space.  Larger ones use multigrid, ``PyAMG()`` where pyamg is installed, else
+    ``PETSc()``.  Only PETSc covers meshes that processes share.
     """
     problem = body.problem
     if problem.processes.size > 1:
         return petsc.PETSc()
     if problem.N == 2:
         return DIRECT
-    has_petsc = petsc.petsc is not None
-    has_pyamg = pyamg.pyamg is not None
-    small = int(body.free.sum()) <= most_by_factors(body)
-    if small or not (has_petsc or has_pyamg):
+    if int(body.free.sum()) <= most_by_factors(body):
         return DIRECT
-    tresca = body.contact.friction.given.any()
-    return petsc.PETSc() if has_petsc and (tresca or not has_pyamg) else pyamg.PyAMG()
+    if pyamg.pyamg is not None:
+        return pyamg.PyAMG()
+    return DIRECT if petsc.petsc is None else petsc.PETSc()
 
 
 def most_by_factors(body: DiscreteProblem) -> float:

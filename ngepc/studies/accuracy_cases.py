@@ -91,8 +91,8 @@ class Rigid:
 HINGE_FORCE = 0.0938
 """Force on the hinge by order 2 on bricks that are graded to all edges and to the clamped end.
 
-With 6, 8, 12 and 14 of them over the height it is 0.09430, 0.09411, 0.09395 and 0.09391, from above
-at a rate of about h^1.65, so that it is known to 0.2 percent.
+With 6, 8, 10, 12 and 16 of them over the height it is 0.09430, 0.09411, 0.09400, 0.09395, 0.09389,
+from above at a rate of h^1.6 to h^2, so that it is known to 0.1 percent.
 """
 
 SPHERICAL = Rigid(10.0, 3e-3, 0.0, 1.0, (-0.015, 0.36), 0.36, 24, 500.0)
