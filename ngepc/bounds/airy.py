@@ -13,6 +13,8 @@ respect to the other coordinate is constant.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse import csr_matrix
@@ -21,10 +23,12 @@ from scipy.sparse.csgraph import connected_components
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.element import LEGS, NORMALS, PAIRS, airy_stresses
 from ngepc.bounds.polynomials import AT_NODES, RULE, SIX, WEIGHTS, portions
-from ngepc.bounds.simplices import Simplices, sliced
+from ngepc.bounds.simplices import Simplices, by_cells
 
 # entries of a symmetric matrix that are kept
 FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
+AT_ONCE = 500
+"""Triangles whose stiffness is computed at once."""
 LEVEL = 1e-9
 """Smaller components of a unit normal and smaller eigenvalues count as zero."""
 
@@ -64,10 +68,19 @@ for _k, (_i, _j) in enumerate(PAIRS):
     for _v in (_i, _j):
         EDGE_ROWS[_k, 3 * _v + 1 : 3 * _v + 3] = -0.75 * LEGS[_k]
 
-_FIRST, _SECOND = (3 * a[:, None] for a in np.tril_indices(3))
-CORNER_ROWS = (_FIRST + np.repeat(np.arange(3), 3)).ravel()
-# the entries of a matrix in the blocks (3, 3) of the pairs of vertices ``np.tril_indices(3)``
-CORNER_COLUMNS = (_SECOND + np.tile(np.arange(3), 3)).ravel()
+LOWER = np.tril_indices(3)
+"""The pairs of vertices whose blocks (3, 3) of a stiffness matrix are kept."""
+
+
+def turned(values: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """Values and gradients at vertices, (9, ., nt) or (9, nt), the latter times J (2, 2, nt)."""
+    result = values.copy()
+    for first in (1, 4, 7):
+        x = values[first]
+        y = values[first + 1]
+        result[first] = J[0, 0] * x + J[0, 1] * y
+        result[first + 1] = J[1, 0] * x + J[1, 1] * y
+    return result
 
 
 def bodies_of(cells: Simplices) -> list[np.ndarray]:
@@ -83,35 +96,36 @@ def bodies_of(cells: Simplices) -> list[np.ndarray]:
 class AirySpace:
     """The Airy functions of a triangulation.
 
-    ``unknowns`` (nt, n) are the numbers of the unknowns of each triangle: first ``vertices``
+    ``unknowns`` (n, nt) are the numbers of the unknowns of each triangle: first ``vertices``
     unknowns of vertices, three each, then those of edges.  The unknowns that are ``free`` do not
     change given tractions.  ``area`` (nt,) are the areas of the triangles.
     """
 
-    of_triangles = ("det", "area", "unknowns", "piola", "_turned", "_along", "_others")
+    of_triangles = ("det", "area", "unknowns", "_piola", "_J", "_along", "_across")
+    of_triangles += ("_even", "_odd")
 
     def __init__(self, boundary: Boundary, degree: int, piola: np.ndarray) -> None:
         self._boundary = boundary
         self.rule = RULES[degree]
-        self.piola = piola
+        self._piola = piola.transpose(1, 2, 0).copy()
         c = self._cells = boundary.cells
         self.det = c.det
         self.area = c.volume
         self.vertices = 3 * len(c.points)
         nt = len(c.nodes)
         ne = len(c.facets)
-        corners = (3 * c.nodes[:, :, None] + np.arange(3)).reshape(-1, 9)
-        unknowns = [corners, self.vertices + c.facet_of]
+        corners = (3 * c.nodes.T[:, None] + np.arange(3)[:, None]).reshape(9, -1)
+        unknowns = [corners, self.vertices + c.facet_of.T]
         self._bodies = bodies_of(c)
         held, bend, even = self._held()
         free = [~held, bend]
         if degree == 4:
             unknowns += [unknowns[1] + ne, unknowns[1] + 2 * ne]
-            unknowns += [self.vertices + 3 * ne + np.arange(3 * nt).reshape(-1, 3)]
+            unknowns += [self.vertices + 3 * ne + np.arange(3 * nt).reshape(3, -1)]
             free += [even, bend, np.ones(3 * nt, dtype=bool)]
-        self.unknowns = np.concatenate(unknowns, axis=1)
+        self.unknowns = np.concatenate(unknowns)
         self.free = np.concatenate(free)
-        self._set_maps(self.unknowns.shape[1])
+        self._set_maps()
 
     def _held(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Fixed unknowns of vertices; edges whose unknowns ``bend`` and ``even`` are free."""
@@ -174,122 +188,133 @@ class AirySpace:
 
     def of(self, chosen: np.ndarray | slice) -> AirySpace:
         """The space on some of the triangles, with the same unknowns."""
-        return sliced(self, chosen, self.of_triangles)
+        part = copy(self)
+        for name in self.of_triangles:
+            setattr(part, name, getattr(self, name)[..., chosen])
+        return part
 
     def gathered(self, local: np.ndarray) -> np.ndarray:
-        """Sums over the triangles of values for their unknowns (nt, n)."""
+        """Sums over the triangles of values for their unknowns (n, nt)."""
         return np.bincount(
             self.unknowns.ravel(), local.ravel(), minlength=len(self.free)
         )
 
-    def _set_maps(self, n: int) -> None:
+    def _set_maps(self) -> None:
         """The parts of the map from the unknowns of a triangle to those of the reference.
 
-        ``_turned`` (nt, 3, 3) maps value and gradient at a vertex.  The first three of the n - 9
-        others have ``_along`` (nt, 3) times the products of ``EDGE_ROWS`` with these, in addition
-        to the product of all others with ``_others`` (nt, n - 9, n - 9).
+        ``_J`` (2, 2, nt) maps the gradients at the vertices.  The unknowns of the edges are
+        multiplied by ``_across`` (3, nt); the first kind has ``_along`` (3, nt) times the products
+        of ``EDGE_ROWS`` with values and gradients of the reference in addition, the third kind the
+        signs ``_odd`` and ``_even`` (3, nt) times the second kind.
         """
         c = self._cells
-        k = np.arange(3)
-        J = c.jacobian.swapaxes(1, 2)
-        directions = np.matmul(NORMALS, J)
-        tangents = np.matmul(LEGS, J)  # images of the normals
-        across = np.einsum("tki,tki->tk", directions, c.normal[c.facet_of])
-        size = np.einsum("tki,tki->tk", tangents, tangents)
-        along = np.einsum("tki,tki->tk", directions, tangents) / size
-        self._along = along
-        self._turned = np.zeros((len(J), 3, 3))
-        self._turned[:, 0, 0] = 1.0
-        self._turned[:, 1:, 1:] = J
-        others = self._others = np.zeros((len(J), n - 9, n - 9))
-        others[:, k, k] = across
-        if n > 12:
-            others[:, 6 + k, 6 + k] = across * np.where(
-                c.place[:, :, 0] == 0, 1.0, -1.0
-            )
-            others[:, 6 + k, 3 + k] = along
-            rest = np.r_[3:6, 9:12]
-            others[:, rest, rest] = 1.0
+        J = c.jacobian.transpose(2, 1, 0).copy()
+        directions = np.einsum("ki,ijt->kjt", NORMALS, J)
+        tangents = np.einsum("ki,ijt->kjt", LEGS, J)  # images of the normals
+        normal = c.normal.T[:, c.facet_of.T]
+        across = np.einsum("kjt,jkt->kt", directions, normal)
+        size = np.einsum("kjt,kjt->kt", tangents, tangents)
+        self._J = J
+        self._across = across
+        self._along = np.einsum("kjt,kjt->kt", directions, tangents) / size
+        self._even = self._along
+        self._odd = np.where(c.place[:, :, 0].T == 0, across, -across)
 
     def _on_reference(self, local: np.ndarray) -> np.ndarray:
-        """Unknowns of the reference triangle from those of the mesh, both (nt, n)."""
-        at_vertices = local[:, :9].reshape(-1, 3, 3)
-        corners = np.matmul(at_vertices, self._turned.swapaxes(1, 2)).reshape(-1, 9)
-        others = np.einsum("tij,tj->ti", self._others, local[:, 9:])
-        others[:, :3] += self._along * (corners @ EDGE_ROWS.T)
-        return np.concatenate([corners, others], axis=1)
+        """Unknowns of the reference triangle from those of the mesh, both (n, nt)."""
+        corners = turned(local[:9], self._J)
+        result = np.concatenate([corners, local[9:]])
+        result[9:12] *= self._across
+        result[9:12] += self._along * (EDGE_ROWS @ corners)
+        if len(local) > 12:
+            result[15:18] = self._odd * local[15:18] + self._even * local[12:15]
+        return result
 
     def _from_reference(self, forces: np.ndarray) -> np.ndarray:
         """The transpose of this map."""
-        corners = forces[:, :9] + (self._along * forces[:, 9:12]) @ EDGE_ROWS
-        corners = np.matmul(corners.reshape(-1, 3, 3), self._turned).reshape(-1, 9)
-        others = np.einsum("tij,ti->tj", self._others, forces[:, 9:])
-        return np.concatenate([corners, others], axis=1)
+        bent = forces[:9] + EDGE_ROWS.T @ (self._along * forces[9:12])
+        others = self._combined(forces[9:])
+        return np.concatenate([turned(bent, self._J.swapaxes(0, 1)), others])
+
+    def _combined(self, rows: np.ndarray) -> np.ndarray:
+        """The transpose of the map of the other unknowns alone, (n - 9, nt) or (n - 9, ., nt)."""
+
+        def each(values: np.ndarray) -> np.ndarray:
+            """Values (3, nt) for rows of this shape."""
+            return values if rows.ndim == 2 else values[:, None]
+
+        result = rows.copy()
+        result[:3] *= each(self._across)
+        if len(rows) > 3:
+            result[3:6] += each(self._even) * rows[6:9]
+            result[6:9] *= each(self._odd)
+        return result
 
     def _blocks(self, K: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The blocks of T' K T for stiffness matrices K (nt, n, n) on the reference triangle.
+        """The blocks of T' K T for stiffness matrices K (n, n, nt) on the reference triangle.
 
-        T is the map to the reference triangle; the blocks are those of the vertices (nt, 9, 9), of
-        the others with these, and of the others.
+        T is the map to the reference triangle; the blocks are those of the vertices (9, 9, nt),
+        those of the vertices with the others, and those of the others.
         """
-        others = K[:, 9:, 9:]
-        bent = (others[:, :, :3] * self._along[:, None]).reshape(-1, 3) @ EDGE_ROWS
-        bent = bent.reshape(len(K), -1, 9)
-        cross = K[:, 9:, :9] + bent
-        both = (K[:, 9:12, :9] + bent[:, :3] / 2).swapaxes(1, 2) * self._along[:, None]
-        both = (both.reshape(-1, 3) @ EDGE_ROWS).reshape(-1, 9, 9)
-        corners = K[:, :9, :9] + both + both.swapaxes(1, 2)
-        for _ in range(2):  # the matrix is symmetric
-            turned = np.matmul(corners.reshape(-1, 27, 3), self._turned)
-            corners = turned.reshape(-1, 9, 9).swapaxes(1, 2)
-        turned = np.matmul(cross.reshape(len(K), -1, 3), self._turned)
-        R = self._others.swapaxes(1, 2)
-        cross = np.matmul(R, turned.reshape(cross.shape))
-        return corners, cross, np.matmul(np.matmul(R, others), self._others)
+        back = self._J.swapaxes(0, 1)
+        others = K[9:, 9:]
+        bent = EDGE_ROWS.T @ (self._along[:, None] * others[:3]).reshape(3, -1)
+        bent = bent.reshape(9, *others.shape[1:])
+        cross = self._combined((K[:9, 9:] + bent).swapaxes(0, 1)).swapaxes(0, 1)
+        both = (K[9:12, :9] + bent[:, :3].swapaxes(0, 1) / 2) * self._along[:, None]
+        both = (EDGE_ROWS.T @ both.reshape(3, -1)).reshape(9, 9, -1)
+        corners = turned(K[:9, :9] + both + both.swapaxes(0, 1), back)
+        corners = turned(corners.swapaxes(0, 1), back)
+        rest = self._combined(self._combined(others).swapaxes(0, 1))
+        return corners, turned(cross, back), rest
+
+    def _compliances(self, H: np.ndarray) -> np.ndarray:
+        """The six entries of H (nt, ., 3, 3) for reference stresses, (. 6, nt)."""
+        M = self._piola * (np.sqrt(self.area) / self.det)
+        half = np.einsum("ijt,tqjk->qikt", M, H)
+        six = np.einsum("qskt,skt->qst", half[:, FIRST], M[SECOND])
+        return six.reshape(-1, len(H))
 
     def stiffness(self, H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stiffness of the triangles from d2 phi*/dz2 at one point or all, (nt, ., 3, 3).
 
-        The entries of the vertices, (nt, 54), and the rows of the n - 9 other unknowns: their first
-        nine columns, then the rest.
+        The blocks of the pairs ``LOWER`` of vertices, (6, 3, 3, nt); those of the vertices with the
+        n - 9 other unknowns, (9, n - 9, nt); those of the others.
         """
-        nt, n = self.unknowns.shape
+        n, nt = self.unknowns.shape
         table = self.rule.stiffness
-        table = (table if H.shape[1] > 1 else table.sum(axis=0)).reshape(-1, n * n)
-        corners, cross, rest = (
-            np.empty((nt, *k)) for k in ((54,), (n - 9, 9), (n - 9, n - 9))
-        )
-        for cells in portions(nt):
+        table = (table if H.shape[1] > 1 else table.sum(axis=0)).reshape(-1, n * n).T
+        corners = np.empty((6, 3, 3, nt))
+        cross = np.empty((9, n - 9, nt))
+        rest = np.empty((n - 9, n - 9, nt))
+        for cells in portions(nt, AT_ONCE):
             part = self.of(cells)
-            M = part.piola * (np.sqrt(part.area) / part.det)[:, None, None]
-            # six entries of M H M'
-            products = M[:, FIRST, :, None] * M[:, SECOND, None]
-            six = np.matmul(
-                H[cells].reshape(len(M), -1, 9),
-                products.reshape(-1, 6, 9).swapaxes(1, 2),
-            )
-            K = (six.reshape(len(M), -1) @ table).reshape(-1, n, n)
-            of_vertices, cross[cells], rest[cells] = part._blocks(K)
-            corners[cells] = of_vertices[:, CORNER_ROWS, CORNER_COLUMNS]
+            K = (table @ part._compliances(H[cells])).reshape(n, n, -1)
+            whole, cross[..., cells], rest[..., cells] = part._blocks(K)
+            for pair, (a, b) in enumerate(zip(*LOWER, strict=True)):
+                corners[pair, ..., cells] = whole[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
         return corners, cross, rest
 
     def stress(self, x: np.ndarray) -> np.ndarray:
         """In-plane stress coordinates at the points, (nt, points, 3), of all unknowns x."""
-        result = np.empty((len(self.det), len(self.rule.weights), 3))
+        points = len(self.rule.weights)
+        result = by_cells(len(self.det), points, 3)
         for cells in portions(len(result)):
             part = self.of(cells)
-            local = x[part.unknowns] / part.det[:, None]
-            reference = part._on_reference(local) @ self.rule.rows.T
-            result[cells] = np.matmul(reference.reshape(len(local), -1, 3), part.piola)
+            reference = self.rule.rows @ part._on_reference(x[part.unknowns] / part.det)
+            reference = reference.reshape(points, 3, -1)
+            np.einsum("qbt,bct->tqc", reference, part._piola, out=result[cells])
         return result
 
     def at_nodes(self, z: np.ndarray) -> np.ndarray:
         """Values at the nodes of the parts from values (nt, points, c) at the points."""
-        parts = z.reshape(len(z), 3, -1, z.shape[2])
-        return np.matmul(self.rule.nodal, parts).reshape(z.shape)
+        k = len(self.rule.nodal)
+        parts = z.transpose(1, 2, 0).reshape(3, k, -1)
+        values = np.matmul(self.rule.nodal, parts).reshape(3 * k, -1, len(z))
+        return values.transpose(2, 0, 1)
 
     def forces(self, strain: np.ndarray) -> np.ndarray:
-        """The transpose of ``stress`` with the weights of the points, by triangle, (nt, n)."""
-        M = self.piola * (self.area / self.det)[:, None, None]
-        pulled = np.matmul(strain, M.swapaxes(1, 2)).reshape(len(M), -1)
-        return self._from_reference(pulled @ self.rule.forces)
+        """The transpose of ``stress`` with the weights of the points, by triangle, (n, nt)."""
+        M = self._piola * (self.area / self.det)
+        pulled = np.einsum("bct,tqc->qbt", M, strain).reshape(-1, len(self.det))
+        return self._from_reference(self.rule.forces.T @ pulled)

@@ -41,7 +41,7 @@ from ngepc.bounds.polynomials import (
     square_integrals,
     worth_keeping,
 )
-from ngepc.bounds.simplices import sliced
+from ngepc.bounds.simplices import by_cells, sliced, stored_by_cells
 from ngepc.discretisation.law import SOFTEST, Law
 from ngepc.discretisation.resistance import Resistance
 
@@ -125,7 +125,10 @@ class Conjugate:
             whole = np.matmul(z, THIN.T)
             return whole[..., 0], whole[..., 1:]
         zeta = self._zeta(z)
-        d = np.stack([z[..., 1], zeta, z[..., 2]], axis=-1)
+        d = by_cells(*zeta.shape, 3)
+        d[..., 0] = z[..., 1]
+        d[..., 1] = zeta
+        d[..., 2] = z[..., 2]
         return z[..., 0] - zeta / R6, d
 
     def _zeta(self, z: np.ndarray) -> np.ndarray:
@@ -200,9 +203,10 @@ class Conjugate:
         two_mu = self.two_mu[:, None]
         total = self._total(at.deviator)
         square = np.einsum("tqd,tqd->tq", total, total)
-        plastic = flow_potential(
-            self.columns, self.hardening[:, None], at.size, at.gained
-        )
+        plastic = at.over * at.gained / 2
+        if not self.resistance.is_constant:
+            h = self.hardening[:, None]
+            plastic = flow_potential(self.columns, h, at.size, at.gained)
         elastic = (at.mean**2 / bulk + square / two_mu) / 2
         if self.whole or self.thin:
             return elastic + plastic
@@ -240,8 +244,11 @@ class Conjugate:
         """d2 phi*/dz2, shape (cells, points, c, c)."""
         whole = self.deviatoric_compliance(at)
         bulk = np.broadcast_to(1 / self.bulk[:, None], at.mean.shape)
-        result = np.zeros((*at.mean.shape, self.d + 1, self.d + 1))
-        result[..., 0, 0], result[..., 1:, 1:] = bulk, whole
+        size = self.d + 1
+        result = by_cells(*at.mean.shape, size, size)
+        result[:] = 0.0
+        result[..., 0, 0] = bulk
+        result[..., 1:, 1:] = whole
         if self.whole:
             return result
         if self.thin:
@@ -337,16 +344,13 @@ class Conjugate:
         if not self.resistance.is_constant:
             return self._of_any_law(s, volume, cell)
         two_h = 2 * self.hardening[cell]
-        k = s.shape[1]
-        bound = square_integrals(beyond(s, self.beta[cell]), volume) / two_h
-        if k in TRIANGLES:
-            quick = excess_integrals(s, self.beta[cell], volume, power=2) / two_h
-            bound = np.minimum(bound, quick)
-        inside = beyond(np.matmul(RULE[k], s), self.beta[cell])
-        estimate = (
-            volume * (np.einsum("tqd,tqd->tq", inside, inside) @ WEIGHTS[k]) / two_h
-        )
-        return bound, np.minimum(estimate, bound)
+        beta = self.beta[cell]
+        bound = np.empty(len(s))
+        estimate = np.empty(len(s))
+        for part in portions(len(s)):
+            own = stored_by_cells(s[part])
+            bound[part], estimate[part] = excess(own, beta[part], volume[part])
+        return bound / two_h, np.minimum(estimate, bound) / two_h
 
     def _sharper(
         self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
@@ -397,6 +401,21 @@ class Conjugate:
         estimate = _potential(columns, h[:, None], at_rule)
         estimate = np.where(np.isfinite(estimate), estimate, 0.0) @ WEIGHTS[s.shape[1]]
         return bound, np.minimum(volume * estimate, bound)
+
+
+def excess(
+    s: np.ndarray, beta: np.ndarray, volume: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """int ([|s| - beta]_+)^2 over parts, an upper bound and a rule, from coefficients (n, k, d)."""
+    k = s.shape[1]
+    bound = square_integrals(beyond(s, beta), volume)
+    if k in TRIANGLES:
+        bound = np.minimum(bound, excess_integrals(s, beta, volume, power=2))
+    at_rule = np.einsum("qk,nkd->nqd", RULE[k], s)
+    inside = np.maximum(
+        np.sqrt(np.einsum("nqd,nqd->nq", at_rule, at_rule)) - beta[:, None], 0.0
+    )
+    return bound, volume * (inside**2 @ WEIGHTS[k])
 
 
 def _potential(

@@ -25,7 +25,7 @@ from ngepc.bounds.equilibration import Patches
 from ngepc.bounds.foundation import Foundation
 from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.bounds.polynomials import AT_POINTS, TO_NODES, portions
-from ngepc.bounds.simplices import Simplices
+from ngepc.bounds.simplices import Simplices, by_cells
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
@@ -150,7 +150,7 @@ class BoundData:
         mean = c.sums(own * signs).reshape(-1, N, N) / count
         repaired = self.patches.repaired(mean, needed, given).reshape(-1, N)
         components = len(self.piola[0])
-        stress = np.empty((len(signs), len(table) // components, components))
+        stress = by_cells(len(signs), len(table) // components, components)
         for cells in portions(len(signs)):
             around = repaired[c.slot[cells]] * signs[cells]
             around = around.reshape(len(around), -1, N)

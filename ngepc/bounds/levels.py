@@ -10,15 +10,15 @@ from itertools import islice
 
 import numpy as np
 from ngsolve import H1, BitArray
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
-from ngepc.bounds.airy import AirySpace
+from ngepc.bounds.airy import LOWER, AirySpace
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.stiffness import Blocks, pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import lower_triangle
 
-EDGE_STEPS = 6  # steps of Chebyshev's iteration for the unknowns of edges
+EDGE_STEPS = 3  # steps of Chebyshev's iteration for the unknowns of edges
 LEAST = 0.2  # lower end of its interval of eigenvalues, relative to the upper end
 MODES_UP_TO = 1000
 """Largest number of triangles for which resultants between supports are unknowns.
@@ -47,11 +47,11 @@ class TwoLevels(Blocks):
         ends = cells.facets.astype(np.int64)
         edge = np.searchsorted(keys, ends[:, 1] * nv + ends[:, 0])[cells.facet_of]
         corner = np.searchsorted(keys, np.arange(nv) * (nv + 1))[cells.nodes]
-        a, b = np.tril_indices(3)
-        self._turned = cells.nodes[:, a] < cells.nodes[:, b]
+        a, b = LOWER
+        self._turned = (cells.nodes[:, a] < cells.nodes[:, b]).T
         pairs = zip(a, b, strict=True)
         places = [corner[:, i] if i == j else edge[:, 3 - i - j] for i, j in pairs]
-        self._places = np.stack(places, axis=1)
+        self._places = np.stack(places)
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
 
     def another(self) -> TwoLevels:
@@ -71,30 +71,29 @@ class TwoLevels(Blocks):
         space = self.space
         part = self.space.of(chosen)
         count = self._count
-        self._corners = part.unknowns[:, :9]
-        self._edges = part.unknowns[:, 9:] - count
+        self._corners = part.unknowns[:9]
+        self._edges = part.unknowns[9:] - count
         corners, self._cross, rest = blocks
         self._forces = forces
         times = np.bincount(part.unknowns.ravel(), minlength=len(space.free))
         self._free = space.free & (times == self._times)
-        self.free = self._free[:count].reshape(-1, 3)
+        free = self._free[:count].reshape(-1, 3)
+        there = free.any(axis=1)
+        self.free = (
+            free | ~there[:, None]
+        )  # the solver leaves out what is held as a whole
         self._take_edges(rest)
-        values = corners.reshape(-1, 6, 3, 3)
-        swap = self._turned[chosen]
-        values[swap] = values[swap].swapaxes(1, 2)
-        where = self._places[chosen].ravel()
-        values = values.reshape(-1, 9)
-        one = np.arange(len(where) + 1)
-        shape = (len(self.rows), len(where))
-        sums = csc_matrix((np.ones(len(where)), where, one), shape) @ values
-        self.matrix.AsVector().FV().NumPy()[:] = self.held(
-            sums.reshape(-1, 3, 3)
-        ).ravel()
-        there = self.free.any(axis=1)
+        swap = self._turned[:, None, None, chosen]
+        values = np.where(swap, corners.swapaxes(1, 2), corners)
+        where = self._places[:, chosen].ravel()
+        sums = np.empty((len(self.rows), 3, 3))
+        for i, j in np.ndindex(3, 3):
+            sums[:, i, j] = np.bincount(where, values[:, i, j].ravel(), len(sums))
+        self.matrix.AsVector().FV().NumPy()[:] = self.held(sums).ravel()
         self._inverse = self.matrix.Inverse(
             BitArray(there.tolist()), inverse="sparsecholesky"
         )
-        few = len(part.unknowns) == len(space.unknowns) <= MODES_UP_TO
+        few = len(part.det) == len(space.det) <= MODES_UP_TO
         modes = space.modes() if few else []  # free unknowns move with the modes
         self._modes = np.array([mode - self._relaxed(forces(mode)) for mode in modes])
         self._gram = np.array([self._modes @ forces(mode) for mode in self._modes])
@@ -113,12 +112,12 @@ class TwoLevels(Blocks):
 
     def _on_vertices(self, edge: np.ndarray) -> np.ndarray:
         """The block of K that maps unknowns of edges to forces on vertices."""
-        forces = np.einsum("tij,ti->tj", self._cross, edge[self._edges])
+        forces = np.einsum("jit,it->jt", self._cross, edge[self._edges])
         return np.bincount(self._corners.ravel(), forces.ravel(), minlength=self._count)
 
     def _on_edges(self, vertex: np.ndarray) -> np.ndarray:
         """The block of K that maps unknowns of vertices to forces on edges."""
-        forces = np.einsum("tij,tj->ti", self._cross, vertex[self._corners])
+        forces = np.einsum("jit,jt->it", self._cross, vertex[self._corners])
         return np.bincount(
             self._edges.ravel(), forces.ravel(), minlength=len(self._scale)
         )
@@ -134,12 +133,10 @@ class TwoLevels(Blocks):
         """The matrix of the edges, its diagonal scaled to one, and a bound of its eigenvalues."""
         free = self._free[self._count :]
         edges = self._edges
-        each = edges.shape[1]
-        row = np.repeat(edges, each, axis=1).ravel()
-        column = np.tile(edges, each).ravel()
-        diagonal = np.bincount(
-            edges.ravel(), np.einsum("tkk->tk", K).ravel(), len(free)
-        )
+        row = np.repeat(edges, len(edges), axis=0).ravel()
+        column = np.tile(edges, (len(edges), 1)).ravel()
+        own = np.einsum("kkt->kt", K).ravel()
+        diagonal = np.bincount(edges.ravel(), own, len(free))
         self._unscale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         self._scale = free / self._unscale
         values = K.ravel() * self._scale[row] * self._scale[column]

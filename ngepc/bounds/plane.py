@@ -22,7 +22,7 @@ from ngepc.bounds.data import (
 from ngepc.bounds.element import ELEMENTS, PAIRS
 from ngepc.bounds.levels import TwoLevels
 from ngepc.bounds.polynomials import portions
-from ngepc.bounds.simplices import Simplices, marked, sliced
+from ngepc.bounds.simplices import Simplices, marked, sliced, stored_by_cells
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
@@ -75,8 +75,8 @@ class StressFunctional:
 def strain_of(compliance: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Compliances (cells, 1 or points, c, c) times stresses (cells, points, c)."""
     if compliance.shape[1] == 1:
-        return np.matmul(z, compliance[:, 0])  # they are symmetric
-    return np.matmul(compliance, z[..., None])[..., 0]
+        return np.einsum("tcd,tqd->tqc", compliance[:, 0], z)
+    return np.einsum("tqcd,tqd->tqc", compliance, z)
 
 
 class TangentCompliance:
@@ -117,6 +117,7 @@ class SecondOrderModel:
     """Second-order expansion of the dual functional around stresses (nt, ., 3)."""
 
     def __init__(self, functional: StressFunctional, centre: np.ndarray) -> None:
+        centre = stored_by_cells(centre)
         at = functional.conjugate.completed(centre)
         self.space = functional.space
         self.centre = centre
@@ -148,20 +149,31 @@ class SecondOrderModel:
             part = self.of(cells)
             slope = part.gradient(z[cells])
             value += float(part.values(z[cells], slope).sum())
-            forces[cells] = part.space.forces(slope)
+            forces[:, cells] = part.space.forces(slope)
         return value, -self.space.gathered(forces)
 
     def remainder(self, functional: StressFunctional, z: np.ndarray) -> np.ndarray:
         """The functional less its expansion on each triangle: zero where no point yields."""
         result = np.zeros(len(z))
         for cells in portions(len(z)):
-            whole = functional.of(cells)
-            part = self.of(cells)
-            at = whole.conjugate.completed(z[cells])
-            if part._yields.any() or at.over.any():
-                quadratic = part.values(z[cells], part.gradient(z[cells]))
-                result[cells] = whole.values(z[cells], at) - quadratic
+            at = functional.conjugate.of(cells).completed(z[cells])
+            there = self._yields[cells] | (at.over > 0).any(axis=1)
+            if 2 * np.count_nonzero(there) >= len(there):
+                result[cells] = self._missed(functional, z, cells)
+            elif there.any():
+                some = cells.start + np.flatnonzero(there)
+                result[some] = self._missed(functional, z, some)
         return result
+
+    def _missed(
+        self, functional: StressFunctional, z: np.ndarray, cells: np.ndarray | slice
+    ) -> np.ndarray:
+        """The same on some of the triangles."""
+        whole = functional.of(cells)
+        part = self.of(cells)
+        trial = z[cells]
+        quadratic = part.values(trial, part.gradient(trial))
+        return whole.values(trial, whole.conjugate.completed(trial)) - quadratic
 
     def forces(self, x: np.ndarray) -> np.ndarray:
         """The stiffness times all unknowns x, held ones too."""
@@ -303,7 +315,8 @@ class PlaneBoundData(BoundData):
         stress, moved = self.balanced(state, tangent, forces)
         sprung = self.foundation.affine(state.u + moved)
         moments = self.foundation.added(moments, sprung)
-        functional = StressFunctional(self.space, self.conjugate, self.strain(state))
+        strain = stored_by_cells(self.strain(state))
+        functional = StressFunctional(self.space, self.conjugate, strain)
         on_boundary = self.boundary_gaps(state, P, sprung)
         rest = float(self.phi(state).sum() + on_boundary.sum())
         z = self.admissible(stress, moments)

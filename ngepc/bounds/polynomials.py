@@ -136,9 +136,12 @@ def worth_keeping(gain: np.ndarray, allowed: float) -> np.ndarray:
 
     They are not cut; the other half is left for the next level.
     """
-    order = np.argsort(gain)
-    kept = np.zeros(len(gain), dtype=bool)
-    kept[order[np.cumsum(np.maximum(gain[order], 0.0)) <= max(allowed, 0.0) / 2]] = True
+    left = max(allowed, 0.0) / 2
+    kept = gain <= left / max(len(gain), 1)  # together these are allowed
+    left -= np.maximum(gain[kept], 0.0).sum()
+    others = np.flatnonzero(~kept)
+    order = others[np.argsort(gain[others])]
+    kept[order[np.cumsum(gain[order]) <= left]] = True
     return kept
 
 
@@ -189,20 +192,23 @@ def excess_integrals(
 
     ``s`` (n, 3 or 6, d) are coefficients; ``beta`` and ``volume`` have the shape (n,).
     """
-    points, weights = POWERS[power, s.shape[1]]
-    result = np.zeros(len(s))
+    k = s.shape[1]
+    points, weights = POWERS[power, k]
+    result = np.empty(len(s))
     for part in portions(len(s)):
-        values = np.matmul(points, s[part])
-        mean = s[part].mean(axis=1, keepdims=True)
-        square = np.einsum("tqd,tqd->tq", values, values)
-        b = beta[part, None]
-        c = np.maximum(square @ weights, np.finfo(float).tiny)[:, None]
-        least = np.linalg.norm(mean[:, 0], axis=1)
-        least = least - np.linalg.norm(s[part] - mean, axis=2).max(axis=1)
-        least = np.maximum(least, 0.0)[:, None] ** 2 / c
+        own = s[part].transpose(1, 2, 0)
+        values = (points @ own.reshape(k, -1)).reshape(len(points), *own.shape[1:])
+        square = np.einsum("qdn,qdn->qn", values, values)
+        b = beta[part]
+        c = np.maximum(weights @ square, np.finfo(float).tiny)
+        mean = own.sum(axis=0) / k
+        away = own - mean
+        farthest = np.einsum("kdn,kdn->kn", away, away).max(axis=0)
+        least = np.sqrt(np.einsum("dn,dn->n", mean, mean)) - np.sqrt(farthest)
+        least = np.maximum(least, 0.0) ** 2 / c
         size = np.sqrt(c) * root_from_below(square / c - 1, least, power)
-        found = (square - 2 * b * size + b**2) @ weights
-        result[part] = np.where(least[:, 0] >= NARROW, found, np.inf)
+        found = weights @ (square - 2 * b * size + b**2)
+        result[part] = np.where(least >= NARROW, found, np.inf)
     return result * volume
 
 

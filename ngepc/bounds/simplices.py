@@ -13,7 +13,7 @@ from copy import copy
 import numpy as np
 from ngsolve import Mesh
 
-from ngepc.model.elements import element_nodes, vertex_coordinates
+from ngepc.model.elements import determinants, element_nodes, vertex_coordinates
 
 # local vertices of facet k in N dimensions
 FACETS = {2: ((1, 2), (2, 0), (0, 1)), 3: ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))}
@@ -51,7 +51,7 @@ class Simplices:
         self.gradients = np.concatenate([first, self.inverse], axis=1)
         vertices = self.nodes[:, FACETS[self.N]]
         self.place = (vertices[..., None] > vertices[..., None, :]).sum(axis=3)
-        ascending = np.sort(vertices, axis=2).reshape(-1, self.N)
+        ascending = sorted_rows(vertices.reshape(-1, self.N))
         keys = self.key(ascending)
         self._keys, self._first, numbers = np.unique(
             keys, return_index=True, return_inverse=True
@@ -118,12 +118,12 @@ class Simplices:
         return np.flatnonzero(chosen)
 
 
-def determinants(matrices: np.ndarray) -> np.ndarray:
-    """The determinants (n,) of matrices (n, N, N); for N = 2 without calls for each matrix."""
-    if matrices.shape[1] != 2:
-        return np.linalg.det(matrices)
-    (a, b), (c, d) = np.moveaxis(matrices, 0, 2)
-    return a * d - b * c
+def sorted_rows(numbers: np.ndarray) -> np.ndarray:
+    """Numbers (n, N) in ascending order within rows; for N = 2 without calls for each row."""
+    if numbers.shape[1] != 2:
+        return np.sort(numbers, axis=1)
+    first, second = numbers.T
+    return np.column_stack([np.minimum(first, second), np.maximum(first, second)])
 
 
 def inverses(matrices: np.ndarray, det: np.ndarray) -> np.ndarray:
@@ -152,3 +152,18 @@ def sliced(whole: object, chosen: np.ndarray | slice, names: Sequence[str]) -> o
     part = copy(whole)
     vars(part).update({name: getattr(whole, name)[chosen] for name in names})
     return part
+
+
+def by_cells(count: int, *shape: int) -> np.ndarray:
+    """A new array (cells, ...) in which the values of all cells stand together in memory.
+
+    Sums of few products for each cell are then sums of long vectors.
+    """
+    return np.moveaxis(np.empty((*shape, count)), -1, 0)
+
+
+def stored_by_cells(values: np.ndarray) -> np.ndarray:
+    """The same values (cells, ...) in this order."""
+    result = by_cells(*values.shape)
+    result[:] = values
+    return result

@@ -301,7 +301,11 @@ def shares_in_parents(before: Points, after: Points, parents: np.ndarray) -> np.
         ]
         for p in (before, after)
     )
-    return np.matmul(wanted, np.linalg.inv(known)[parents])
+    known = known[parents]
+    result = np.tile(np.eye(ends), (len(wanted), 1, 1))
+    other = np.flatnonzero((known != wanted).any(axis=(1, 2)))
+    result[other] = np.matmul(wanted[other], np.linalg.inv(known[other]))
+    return result
 
 
 def carried_state(

@@ -54,7 +54,11 @@ class Stiffness(Blocks):
         self.N = free.shape[1]
         self.order = order
         self._space = H1(mesh, order=order, dim=self.N)
-        rows, columns, _ = lower_triangle(pattern_matrix(H1(mesh, order=order)))
+        # in the plane blocks are small: the matrix itself shows the pattern
+        plane = mesh.dim == 2
+        pattern = pattern_matrix(self._space if plane else H1(mesh, order=order))
+        self._pattern = pattern if plane else None
+        rows, columns, _ = lower_triangle(pattern)
         self.rows = rows.astype(np.int32)
         self.columns = columns.astype(np.int32)
         self._added = np.zeros(0, dtype=int), 0.0
@@ -92,7 +96,9 @@ class Stiffness(Blocks):
 
     def matrix(self) -> BaseMatrix:
         """A new matrix of NGSolve, of which the lower half is stored."""
-        return pattern_matrix(self._space)
+        if self._pattern is None:
+            return pattern_matrix(self._space)
+        return self._pattern.CreateMatrix()
 
     def entries(self, matrix: BaseMatrix) -> np.ndarray:
         """View of the blocks of such a matrix, shape (blocks, N, N)."""

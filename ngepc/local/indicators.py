@@ -12,7 +12,7 @@ from ngepc.discretisation.points import Elements, Points
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State
-from ngepc.model.elements import SHAPES, elements_by_shape, plastic_order
+from ngepc.model.elements import SHAPES, determinants, elements_by_shape, plastic_order
 from ngepc.model.features import (
     BASIC_FEATURES,
     CONTACT_FEATURES,
@@ -93,7 +93,8 @@ def error_indicators(result: ExactResult) -> GridFunction:
         deviator = left[:, :, 1:]
         density = bulk[:, None] * left[:, :, 0] ** 2
         density += shear[:, None] * (deviator**2).sum(axis=2)
-        density += np.einsum("eqi,eij,eqj->eq", deviator, plastic, deviator)
+        softened = np.matmul(deviator, plastic)  # the matrices are symmetric
+        density += np.einsum("eqi,eqi->eq", softened, deviator)
         values[shape.numbers] = 0.5 * (shape.weights() * density).sum(axis=1)
     return indicators
 
@@ -139,14 +140,14 @@ class ShapeIndicators:
         mesh = self.points.mesh
         mapped = mesh.MapToAllElements({self.kind: self.rule}, mesh.Materials(".*"))
         jacobian = specialcf.JacobianMatrix(mesh.dim)(mapped)
-        size = np.abs(np.linalg.det(jacobian.reshape(-1, mesh.dim, mesh.dim)))
+        size = np.abs(determinants(jacobian.reshape(-1, mesh.dim, mesh.dim)))
         size *= np.ravel(self.points.kinematics.weight(mapped))
         return size.reshape(len(self.numbers), -1) * np.array(self.rule.weights)
 
     def difference(self, recovered: np.ndarray, stress: np.ndarray) -> np.ndarray:
         """Recovered nodal stresses less those at the points, (elements, fine points, s)."""
-        smooth = np.einsum("qk,ekc->eqc", self.shapes, recovered[self.block.nodes])
-        rough = np.einsum("qp,epc->eqc", self.extended, stress[self.block.points])
+        smooth = np.matmul(self.shapes, recovered[self.block.nodes])
+        rough = np.matmul(self.extended, stress[self.block.points])
         return smooth - rough
 
 

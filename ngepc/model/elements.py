@@ -91,6 +91,14 @@ def vertex_coordinates(mesh: Mesh) -> np.ndarray:
     return np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, : mesh.dim]
 
 
+def determinants(matrices: np.ndarray) -> np.ndarray:
+    """The determinants (n,) of matrices (n, N, N); for N = 2 without calls for each matrix."""
+    if matrices.shape[1] != 2:
+        return np.linalg.det(matrices)
+    (a, b), (c, d) = np.moveaxis(matrices, 0, 2)
+    return a * d - b * c
+
+
 def edge_ends(mesh: Mesh) -> np.ndarray:
     """The vertices at the ends of the edges, in NGSolve's order of edges, shape (edges, 2)."""
     gradient, _ = HCurl(mesh, order=0).CreateGradient()
