@@ -68,7 +68,9 @@ A method may cover two features but not both at once. These pairs are refused, t
   on faces (quadratic for order 2), the bound is one for a displacement that is moved clear of it.
 - Bounds, goals and brackets of two bodies, and of parts that contact alone holds, are for plane
   problems without friction. The first boundary of a pair must be straight, and the bodies are not
-  tied. `evolve(error=...)` covers neither, `contact_force_bracket` no two bodies.
+  tied. `contact_force_bracket` covers no two bodies.
+- `evolve(error=...)` covers no two bodies, no parts that contact alone holds, no quadrilaterals, no
+  hexahedra, no Hill's criterion and no sub-elements.
 - Receipts in three dimensions need `order=1`. They need obstacles that are affine on each facet
   of the contact boundary.
 

@@ -51,6 +51,7 @@ SLOW = (
     "bounds/test_rates.py",
     "bounds/test_receipt.py",
     "bounds/test_solid.py",
+    "bounds/test_sub_elements.py",
     "bounds/test_supremum_of_laws.py",
     "bounds/test_thin.py",
     "bounds/test_verdicts.py",

@@ -36,6 +36,7 @@ from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_terms import GoalTerms, terms_of
 from ngepc.bounds.integrand import BoundPart, Integrand, VaryingIntegrand
+from ngepc.bounds.sub_elements import SubElements
 from ngepc.bounds.transfer import on_matching
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import interval_in_words
@@ -46,7 +47,7 @@ from ngepc.local.result import ExactResult
 from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem
 
-COVERS = BOUNDED - {"anisotropic yield", "cyclic hardening"}
+COVERS = BOUNDED - {"anisotropic yield"}
 """Features that goal bounds cover."""
 
 STEP = 1.3
@@ -468,7 +469,7 @@ class Candidate:
     """An adjoint, the best lambda for it, and an estimate of the width of the interval."""
 
     adjoint: Adjoint
-    integrand: Integrand | VaryingIntegrand
+    integrand: Integrand | VaryingIntegrand | SubElements
     factor: float
     width: float
 

@@ -35,7 +35,7 @@ from ngepc.model.data import Vector
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 
-COVERS = BOUNDED - {"anisotropic yield", "cyclic hardening"}
+COVERS = BOUNDED
 """Features that brackets cover; those of contact forces not two bodies, whose gap is the mesh's."""
 
 PASSES = 3  # largest number of lengths that are tried on each side

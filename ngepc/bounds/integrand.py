@@ -11,7 +11,7 @@ For order two strains are affine too: ``ngepc.bounds.varying``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,10 +30,12 @@ from ngepc.bounds.polynomials import (
     coefficients,
     square_integrals,
 )
+from ngepc.bounds.sub_elements import SubElements
 from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots
 from ngepc.bounds.supremum_of_laws import NonlinearLaw
 from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
 from ngepc.discretisation.law import Law
+from ngepc.discretisation.overlay_law import OverlayLaw
 from ngepc.local.system import State
 
 SAMPLED = 1000
@@ -201,7 +203,8 @@ class BoundPart:
         self._sample = sampled(bound.per_cell, parts)
         self._sprung = bound_data.foundation.apart(state.u, bound.sprung)
         self._data: Any = None
-        if bound_data.each == 1:
+        overlay = isinstance(bound_data.discrete.law, OverlayLaw)
+        if bound_data.each == 1 and not overlay:
             self._data = point_data(bound_data, state, parts)
 
     def _on_parts(self, stress: np.ndarray) -> np.ndarray:
@@ -244,13 +247,23 @@ class BoundPart:
         )
         return BoundaryTerms(springs, friction)
 
-    def integrand(self, adjoint: Adjoint) -> Integrand | VaryingIntegrand:
+    def integrand(self, adjoint: Adjoint) -> Integrand | VaryingIntegrand | SubElements:
         """The supremum for an adjoint."""
         bound_data = self._bound_data
         volume, owner = self._parts
         trace, deviator = self.strain(adjoint)
         tau = self._on_parts(self.stress(adjoint))
         rest = self._opened, self._sample, self._on_boundary(adjoint)
+        law = bound_data.discrete.law
+        if isinstance(law, OverlayLaw):
+            stresses = tau, self._sigma
+            strain = trace[:, None], deviator
+            elements = sub_elements(
+                bound_data, self._state, stresses, strain, self._parts
+            )
+            residual = -float(sum(one.work() @ volume for one in elements))
+            of_cells = law.of(np.s_[:: bound_data.each])
+            return SubElements(elements, of_cells, self._cells, residual, *rest)
         if bound_data.each > 1:
             stresses = tau, self._sigma
             strain = trace[:, None], deviator
@@ -294,6 +307,17 @@ def law_at(data: PointData, factor: float) -> ScaledLaw | NonlinearLaw:
     return NonlinearLaw(data.resistance, data.two_mu, data.hardening, factor)
 
 
+def coefficients_on_parts(
+    bound_data: BoundData, values: np.ndarray, owner: np.ndarray, k: int
+) -> np.ndarray:
+    """Coefficients on the parts (parts, k, c) of functions that are given at the points (., c)."""
+    each = bound_data.each
+    if each == 1:
+        return np.repeat(values[owner][:, None], k, axis=1)
+    at_nodes = np.matmul(TO_NODES[each], bound_data.at_corners(values))
+    return coefficients(at_nodes.reshape(len(owner), k, -1))
+
+
 def varying_data(
     bound_data: BoundData,
     state: State,
@@ -305,13 +329,11 @@ def varying_data(
     law = bound_data.discrete.law
     each = bound_data.each
     tau, sigma = stresses
-    k = tau.shape[1]
     size, owner = parts
 
     def on_parts(values: np.ndarray) -> np.ndarray:
-        """Coefficients of affine functions, which are given at the points."""
-        at_nodes = np.matmul(TO_NODES[each], bound_data.at_corners(values))
-        return coefficients(at_nodes.reshape(len(size), k, -1))
+        """Coefficients of functions that are given at the points."""
+        return coefficients_on_parts(bound_data, values, owner, tau.shape[1])
 
     names = ("bulk", "two_mu", "hardening", "beta")
     resistance = None
@@ -330,6 +352,28 @@ def varying_data(
         owner=owner,
         resistance=resistance,
     )
+
+
+def sub_elements(
+    bound_data: BoundData,
+    state: State,
+    stresses: tuple[np.ndarray, np.ndarray],
+    strain: tuple[np.ndarray, np.ndarray],
+    parts: tuple[np.ndarray, np.ndarray],
+) -> tuple[VaryingData, ...]:
+    """The data of each sub-element, with tau and sigma^ of the whole, for both orders."""
+    whole = varying_data(bound_data, state, stresses, strain, parts)
+    law = bound_data.discrete.law
+    owner = parts[1]
+    found = []
+    for share, part, one in zip(law.shares, law.parts, state.at.parts, strict=True):
+        own = {"bulk": share * whole.law["bulk"]}
+        for name in ("two_mu", "hardening", "beta"):
+            own[name] = np.asarray(getattr(part, name))[:: bound_data.each][owner]
+        trial = coefficients_on_parts(bound_data, one.trial, owner, whole.k)
+        back = np.zeros_like(trial)
+        found.append(replace(whole, trial=trial, back=back, law=own, resistance=None))
+    return tuple(found)
 
 
 def completed_near(

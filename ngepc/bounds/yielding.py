@@ -90,6 +90,10 @@ class YieldLaw:
     k: np.ndarray
     kept: np.ndarray
 
+    def of(self, chosen: np.ndarray) -> YieldLaw:
+        """Those of some of the parts."""
+        return YieldLaw(self.beta[chosen], self.k[chosen], self.kept[chosen])
+
     def product(self, x: np.ndarray) -> np.ndarray:
         """k P(x), (n,)."""
         return self.k * (self.beta + x) * (self.beta + self.kept * x)
@@ -128,6 +132,45 @@ def yielding_means(
 
     Both are infinite where the part may not yield everywhere, or varies too much.
     """
+    perfect = law.kept == 0
+    if not perfect.any():
+        return hardening_means(law, y, v)
+    found = np.empty((2, len(perfect)))
+    found[:, perfect] = perfect_means(law.of(perfect), y[..., perfect], v[..., perfect])
+    if not perfect.all():
+        other = ~perfect
+        means = hardening_means(law.of(other), y[..., other], v[..., other])
+        found[:, other] = means
+    return found[0], found[1]
+
+
+def perfect_means(
+    law: YieldLaw, y: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same without hardening, where x = 0 is the best: Phi = beta |y| - k beta^2.
+
+    Infinite where |v| may exceed k beta: there Phi is.
+    """
+    mean = y.mean(axis=1)
+    n = mean / np.maximum(sizes(mean), TINY)
+    y_n = products(y, n[:, None])
+    least = y_n.min(axis=0)
+    most = law.k * law.beta
+    applies = (2 * most <= least) & (largest_size(v) <= most)
+    across = mean_square(y - y_n * n[:, None])
+    size = y_n.mean(axis=0)
+    found = []
+    for smallest in (least, size):
+        smallest = np.where(applies, smallest, 1.0)
+        mean_size = size + across / (2 * smallest)
+        found.append(np.where(applies, law.beta * (mean_size - most), np.inf))
+    return found[0], found[1]
+
+
+def hardening_means(
+    law: YieldLaw, y: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same with hardening."""
     x, n = law.best(y.mean(axis=1), v.mean(axis=1))
     n = n[:, None]
     y_n = products(y, n)

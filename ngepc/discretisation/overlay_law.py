@@ -223,7 +223,7 @@ class OverlayLaw(Law):
         Newton's method finds the strain of the stress, and with it the best split; what is missing
         goes to the sub-elements that do not yield.
         """
-        at = self._stressed(stress)
+        at = self.at_stress(stress)
         missing = stress - self.stress(at)[1]
         both = zip(self.parts, at.parts, strict=True)
         loose = [np.where(one.yields, 0.0, part.two_mu) for part, one in both]
@@ -242,9 +242,9 @@ class OverlayLaw(Law):
 
     def strained(self, stress: np.ndarray) -> np.ndarray:
         """See ``Law``: nearly, by Newton's method."""
-        return self._stressed(stress).deviator
+        return self.at_stress(stress).deviator
 
-    def _stressed(self, stress: np.ndarray) -> OverlayReturn:
+    def at_stress(self, stress: np.ndarray) -> OverlayReturn:
         """The return with nearly this deviatoric stress: Newton's method with line search."""
         volume = np.zeros(len(stress))
         two_mu = self.two_mu[:, None]

@@ -44,9 +44,11 @@ from ngepc.results.stored import array_of, stored_record
 log = logging.getLogger(__name__)
 
 UNCUT = (Status.STOPPED, Status.MESH_LIMIT)
-ON_SIMPLICES = COVERS - HELD - {"quadrilaterals", "hexahedra"}
-"""Features of steps with bounds: a plastic strain varies inside other elements."""
 """Statuses that a shorter step would not change."""
+
+REFINED = COVERS - HELD - {"quadrilaterals", "hexahedra"}
+REFINED -= {"anisotropic yield", "cyclic hardening"}
+"""Features of steps with bounds: a plastic strain varies inside other elements."""
 
 IN_MEMORY = 2
 """The last steps, from which the next one starts: their arrays are in memory, not in a file."""
@@ -218,7 +220,7 @@ class _Run:
             step = self._checked_step(time)
             if self.error is not None:
                 check_carried(step)
-                require_covered(step, "error=...", ON_SIMPLICES)
+                require_covered(step, "error=...", REFINED)
         # (end, halvings)
         self.pending = [(time, 0) for time in reversed(self.schedule.times)]
 

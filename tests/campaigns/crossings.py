@@ -14,7 +14,7 @@ from campaigns.random_problems import BODIES, Draw, build, draws
 from campaigns.two_bodies import held_block, two_blocks
 from ngsolve import CF, cos, sin, x, y
 
-from ngepc import semismooth_newton
+from ngepc import Material, Overlay, semismooth_newton
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.transfer import bisected, on_mesh
@@ -45,9 +45,11 @@ WIDER = (
     "held",
     "held, order 2",
     "friction, order 2, solid",
+    "sub-elements",
+    "sub-elements, order 2",
 )
 """More kinds, with elastic foundations, in plane stress, with each triangle cut into three
-quadrilaterals, of a few hexahedra, of two bodies, or held by contact alone:
+quadrilaterals, of a few hexahedra, of two bodies, held by contact alone, or with sub-elements:
 ``--rows "springs,plane stress"``."""
 
 BISECTIONS = dict.fromkeys(
@@ -115,8 +117,13 @@ def problem_of(draw, kind):
         draw = replace(
             draw, gap="pushed", gap_size=push, load=min(draw.load, 0.2 * push)
         )
-    thin = kind.startswith("plane stress")
-    problem = build(draw, "plane stress" if thin else "two-dimensional")
+    plane = "two-dimensional"
+    if kind.startswith("plane stress"):
+        plane = "plane stress"
+    if kind.startswith("sub-elements"):
+        plane = "plane strain"
+        draw = replace(draw, history=0.0)
+    problem = build(draw, plane)
     stress, size = (
         problem.material.yield_stress,
         BODIES[draw.body].length * 10**draw.length_unit,
@@ -129,6 +136,8 @@ def problem_of(draw, kind):
         return replace(problem, mesh=few_hexahedra(draw))
     if kind.startswith("springs"):
         return with_springs(problem, draw)
+    if kind.startswith("sub-elements"):
+        return replace(problem, material=in_sub_elements(problem.material, draw))
     if rough:
         return replace(problem, friction=stress * (0.1 + 0.1 * draw.maxh * x / size))
     if kind == "varying loads":
@@ -150,6 +159,19 @@ def few_hexahedra(draw):
     size = 0.25 * (number % 2)
     return tapered(
         n, size=size, taper=1.2 * size, seed=number, length=10**draw.length_unit
+    )
+
+
+def in_sub_elements(material, draw):
+    """Two sub-elements, of which the second yields at twice the stress, and one that never does."""
+    h = 10**draw.hardening
+    share = 2 / (2 + h)
+    bound = material.yield_stress
+    return Material(
+        lame_lambda=material.lame_lambda,
+        lame_mu=material.lame_mu,
+        yield_stress=bound,
+        overlay=Overlay([0.6 * share, 0.4 * share], [bound, 2 * bound]),
     )
 
 

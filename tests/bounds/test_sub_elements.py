@@ -1,0 +1,133 @@
+"""Intervals of goals with sub-elements: each has a part of the stress and its own supremum."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns.intervals import fine_problem, value_of
+
+from ngepc import Material, Overlay, Problem, goal_bound, semismooth_newton
+from ngepc.bounds.goal_bound import GoalProblem
+from ngepc.bounds.sub_elements import shares_of
+from ngepc.bounds.yielding import YieldLaw, perfect_means
+from ngepc.geometries import block
+
+TWO_MU = 2e3
+HARDENING = 2e2
+PLAIN = Material.kinematic(
+    lame_lambda=1.5e3, lame_mu=TWO_MU / 2, yield_stress=5.0, hardening=HARDENING
+)
+SHARE = TWO_MU / (TWO_MU + HARDENING)
+ONE = replace(PLAIN, hardening=0.0, overlay=Overlay([SHARE], [5.0]))
+"""The law of ``PLAIN`` in one step."""
+TWO = replace(ONE, yield_stress=3.0, overlay=Overlay([0.4, 0.4], [3.0, 7.0]))
+GOALS = ("work", "contact_force")
+
+
+def pressed(material, order, **data):
+    """A block that is pulled below an obstacle that presses it."""
+    data = {"contact": "contact", "gap": -2e-4, "order": order} | data
+    mesh = block.structured_mesh(6, 4, size=(1.0, 0.7), simplices=True)
+    return Problem(mesh, material, traction={"right": (5.0, -1.0)}, **data)
+
+
+def intervals(problem):
+    """The intervals of all goals of a problem."""
+    goals = GoalProblem(semismooth_newton(problem))
+    return [goals.bound_of(goal) for goal in GOALS]
+
+
+@pytest.mark.parametrize(("order", "wider"), [(1, 1.5), (2, 2.2)])
+def test_the_interval_is_near_that_of_the_same_law(order, wider):
+    for one, other in zip(
+        intervals(pressed(PLAIN, order)), intervals(pressed(ONE, order)), strict=True
+    ):
+        assert max(one.lower, other.lower) < min(one.upper, other.upper)
+        assert other.width < wider * one.width
+        assert other.guaranteed
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kinematics", ["plane strain", "plane stress"])
+def test_fine_values_lie_inside(order, kinematics):
+    problem = pressed(TWO, order, kinematics=kinematics)
+    result = semismooth_newton(problem)
+    assert result.state.at.parts[1].yields.any()
+    fine = semismooth_newton(fine_problem(problem))
+    for goal, found in zip(GOALS, intervals(problem), strict=True):
+        assert found.lower < value_of(fine, goal) < found.upper
+    assert found.per_cell.min() > -1e-9 * found.width
+
+
+def test_fine_values_in_space():
+    mesh = block.structured_mesh(2, 2, 2, simplices=True)
+    problem = Problem(mesh, TWO, traction={"right": (3.0, 0.0, 1.5)}, order=1)
+    result = semismooth_newton(problem)
+    assert result.state.at.yields.any()
+    found = goal_bound(result, "work")
+    fine = semismooth_newton(fine_problem(problem))
+    assert found.lower < value_of(fine, "work") < found.upper
+
+
+def test_no_strain_exceeds_the_sum_of_the_suprema():
+    """Of one cell, for random strains: the sum over the sub-elements is an upper bound."""
+    goals = GoalProblem(semismooth_newton(pressed(TWO, 1)))
+    found = goals.bound_of("work")
+    factor = found.factor
+    integrand = goals._of_bound.integrand(found.pair)
+    law = goals.bound_data.discrete.law
+    state = goals.bound.state
+    base = integrand.elements[0]
+    above, _ = integrand.bounds(factor)
+    rng = np.random.default_rng(5)
+    first = np.unique(base.owner, return_index=True)[1]
+    tau = base.tau.mean(axis=1)
+    parts = np.bincount(base.owner).max()
+    tau, sigma, strain, trace = (
+        getattr(base, name).mean(axis=1).reshape(-1, parts, values).mean(axis=1)
+        for name, values in (("tau", 4), ("sigma", 4), ("strain", 3), ("trace", 1))
+    )
+    volume = base.size[first] * parts
+    mean, stress = law.stress(state.at)
+    for _ in range(300):
+        size = 10 ** rng.uniform(-6, -2, (len(first), 1))
+        e = size * rng.normal(size=(len(first), 4))
+        at = law.returned(state.at.volume + e[:, 0], state.at.deviator + e[:, 1:])
+        new_mean, new = law.stress(at)
+        value = (tau * e).sum(axis=1) - trace[:, 0] * (new_mean - mean)
+        value -= (strain * (new - stress)).sum(axis=1)
+        value -= factor * (e[:, 0] * (new_mean - sigma[:, 0]))
+        value -= factor * (e[:, 1:] * (new - sigma[:, 1:])).sum(axis=1)
+        assert (volume * value <= above + 1e-12).all()
+
+
+def test_the_split_adds_up_and_stays_inside():
+    goals = GoalProblem(semismooth_newton(pressed(TWO, 1)))
+    law = goals.bound_data.discrete.law
+    rng = np.random.default_rng(1)
+    stress = rng.normal(size=(len(law.two_mu), 3, 4)) * 10.0
+    split = shares_of(law, stress, np.arange(len(stress)))
+    assert sum(split) == pytest.approx(stress[..., 1:], abs=1e-9)
+    for own, bound in zip(split, (0.4 * 3.0, 0.4 * 7.0), strict=False):
+        size = np.linalg.norm(own, axis=2)
+        assert size.max() < bound
+        assert size.max() > (1 - 1e-9) * bound
+
+
+def test_means_without_hardening():
+    """Beside values at many points; infinite where |v| exceeds k beta."""
+    rng = np.random.default_rng(4)
+    beta, k = 2.0, 0.5
+    law = YieldLaw(np.full(6, beta), np.full(6, k), np.zeros(6))
+    y = 0.3 * rng.normal(size=(3, 3, 6)) + np.array([4.0, 0, 0])[:, None, None]
+    v = 0.2 * rng.normal(size=(3, 3, 6))
+    v[:, 0, 0] = 2.0
+    bound, estimate = perfect_means(law, y, v)
+    shares = rng.dirichlet(np.ones(3), 20_000)
+    inside = np.linalg.norm(np.einsum("qk,dkn->dqn", shares, y), axis=0).mean(axis=0)
+    value = beta * inside - k * beta**2
+    assert np.isinf(bound[0])
+    assert np.isinf(estimate[0])
+    assert (bound[1:] > value[1:] - 5e-3).all()
+    assert bound[1:] == pytest.approx(value[1:], rel=0.01)
+    assert estimate[1:] == pytest.approx(value[1:], rel=0.01)
