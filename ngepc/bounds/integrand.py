@@ -34,6 +34,7 @@ from ngepc.bounds.sub_elements import SubElements
 from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots
 from ngepc.bounds.supremum_of_laws import NonlinearLaw
 from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
+from ngepc.bounds.yielding import mean_of
 from ngepc.discretisation.law import Law
 from ngepc.discretisation.overlay_law import OverlayLaw
 from ngepc.local.system import State
@@ -112,9 +113,8 @@ class Integrand:
         own = data.bulk * (sign * strain.mean + factor * data.volume)
         mean = tau[..., 0] + factor * sigma[..., 0] - own[:, None]
         rest = square_integrals(mean[..., None], volume) / (4 * factor * data.bulk)
-        affine = dots(data.stress - data.back, e) - dots(
-            pulled.mean(axis=1), data.trial
-        )
+        middle = mean_of(pulled.swapaxes(0, 1))
+        affine = dots(data.stress - data.back, e) - dots(middle, data.trial)
         rest += volume * affine
         law = law_at(data, factor)
         return Side(pulled, w[:, None], law, rest, volume, self.cell[chosen])

@@ -188,22 +188,6 @@ class AirySearch:
     system: TwoLevels
     compliance: np.ndarray
 
-    def tightened(
-        self,
-        functional: StressFunctional,
-        z: np.ndarray,
-        missed: float,
-        gain: float,
-        steps: int,
-    ) -> tuple[np.ndarray, float]:
-        """Stresses (nt, points, 3) with a smaller ``missed_energy``, and this energy.
-
-        The functional has this compliance; the search begins at ``z``, which has ``missed``.
-        """
-        _, right = SecondOrderModel(functional, z).linearised(z)
-        x, left = self.system.solve(right, missed, gain, steps)
-        return z + functional.space.stress(x), left
-
 
 def tightened(
     functional: StressFunctional,
@@ -279,22 +263,24 @@ ON_SIDES = (
 
 
 def missed_energy(
-    functional: StressFunctional, quadratic: TangentCompliance, tau: np.ndarray
-) -> float:
+    functional: StressFunctional, compliance: np.ndarray, tau: np.ndarray
+) -> tuple[float, np.ndarray]:
     """Half the square of what stresses at the points miss of those of the strain of ``functional``.
 
-    With g = H tau - eps it is 1/2 g : H^-1 g.
+    With g = H tau - eps it is 1/2 g : H^-1 g.  The second result is minus its derivative by the
+    unknowns of the Airy functions.
     """
-    strain = np.broadcast_to(functional.strain, tau.shape)
-    weights = functional.space.rule.weights
+    space = functional.space
     energy = 0.0
+    forces = np.empty(space.unknowns.shape)
     for cells in portions(len(tau)):
-        part = quadratic.of(cells)
-        off = part.gradient(part.completed(tau[cells])) - strain[cells]
-        stress = strain_of(np.linalg.inv(part.compliance_of), off)
-        square = np.einsum("tqc,tqc->tq", off, stress) @ weights
-        energy += float(functional.space.area[cells] @ square) / 2
-    return energy
+        H = compliance[cells]
+        off = strain_of(H, tau[cells]) - functional.strain[cells]
+        stress = strain_of(stored_by_cells(np.linalg.inv(H)), off)
+        square = np.einsum("tqc,tqc->tq", off, stress) @ space.rule.weights
+        energy += float(space.area[cells] @ square) / 2
+        forces[:, cells] = space.of(cells).forces(off)
+    return energy, -space.gathered(forces)
 
 
 class PlaneBoundData(BoundData):
@@ -359,13 +345,14 @@ class PlaneBoundData(BoundData):
         strain = self.discrete.points.strain(z)
         at_points = stress_coordinates(*strain, 0.0)
         quadratic = TangentCompliance(search.compliance)
-        functional = StressFunctional(self.space, quadratic, self.on_parts(at_points))
+        wanted = stored_by_cells(self.on_parts(at_points))
+        functional = StressFunctional(self.space, quadratic, wanted)
         w = self.foundation.affine(near)
         tau = self.admissible(stress, self.foundation.added(moments, w))
-        missed = missed_energy(functional, quadratic, tau)
+        missed, right = missed_energy(functional, search.compliance, tau)
         missed += float(self.foundation.gaps(z, w).sum())
-        tau, left = search.tightened(functional, tau, missed, ADJOINT_GAIN, MOST_STEPS)
-        return AdjointStress(self.space.at_nodes(tau), w, left)
+        x, left = search.system.solve(right, missed, ADJOINT_GAIN, MOST_STEPS)
+        return AdjointStress(self.space.at_nodes(tau + self.space.stress(x)), w, left)
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).

@@ -43,7 +43,7 @@ import numpy as np
 
 from ngepc.bounds.polynomials import portions, square_integrals
 from ngepc.bounds.simplices import sliced
-from ngepc.bounds.yielding import YieldLaw, dots, products, yielding_means
+from ngepc.bounds.yielding import YieldLaw, dots, largest_of, products, yielding_means
 from ngepc.discretisation.resistance import Resistance
 
 ANGLES = 12
@@ -149,9 +149,9 @@ class ScaledLaw:
         """Where nothing may yield, for coefficients on parts (d, k, n) and (d, ., n), (n,)."""
         y = pulled + w
         v = y - self.share * w
-        inside = products(y, y).max(axis=0) <= (2 * self.inner * self.beta) ** 2
+        inside = largest_of(products(y, y)) <= (2 * self.inner * self.beta) ** 2
         least = self.start + 2 * self.square * self.beta
-        return inside & (products(v, v).max(axis=0) <= least**2)
+        return inside & (largest_of(products(v, v)) <= least**2)
 
     def yielding_means(
         self, pulled: np.ndarray, w: np.ndarray
