@@ -417,7 +417,7 @@ class AdjointProblem(AdjointConditions):
             more = ~chosen & (np.abs(mismatch) > most + ROUNDING * np.abs(wanted))
             if not more.any():
                 break
-            values[more] = (wanted - np.sign(mismatch) * factor * gap)[more]
+            values[more] = wanted[more] - np.sign(mismatch[more]) * factor * gap[more]
             chosen |= more
             found = self.held(found, chosen, values)
         return found.z
