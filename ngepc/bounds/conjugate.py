@@ -203,9 +203,10 @@ class Conjugate:
         two_mu = self.two_mu[:, None]
         total = self._total(at.deviator)
         square = np.einsum("tqd,tqd->tq", total, total)
-        plastic = at.over * at.gained / 2
-        if not self.resistance.is_constant:
-            h = self.hardening[:, None]
+        h = self.hardening[:, None]
+        if self.resistance.is_constant:
+            plastic = at.gained * (at.over - h / 2 * at.gained)
+        else:
             plastic = flow_potential(self.columns, h, at.size, at.gained)
         elastic = (at.mean**2 / bulk + square / two_mu) / 2
         if self.whole or self.thin:
