@@ -12,6 +12,7 @@ integrals over the cells are the indicators.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -187,6 +188,8 @@ class ErrorBound:
         return result
 
     def __str__(self) -> str:
+        if not math.isfinite(self.total):
+            return f"energy error without a finite bound ({self.kind})"
         total = outward(0.0, max(self.total, 0.0), 3)[1]
         part = at_most_percent(max(self.relative, 0.0), 3)
         return (

@@ -613,7 +613,8 @@ def check_files(arguments: list[str]) -> int:
             if "goal" in header:
                 text += f", {header['goal']} in [{header['goal lower']}, {header['goal upper']}]"
         except Exception as error:  # whatever is wrong with a file, it does not pass
-            text = f"FAIL: {error!r}"
+            known = isinstance(error, ValueError)
+            text = f"FAIL: {error if known else repr(error)}"
             status = 1
         sys.stdout.write(f"{path}: {text}\n")
     return status

@@ -108,7 +108,10 @@ def coefficient_means(
     bound = law.potential(pulled, w).mean(axis=1)
     centres = (values.mean(axis=1, keepdims=True) for values in (pulled, w))
     least = law.potential(*centres)[:, 0]
-    return bound, least + INSIDE[k] * (bound - least)
+    finite = np.isfinite(least)
+    estimate = np.full(len(least), np.inf)
+    estimate[finite] = least[finite] + INSIDE[k] * (bound[finite] - least[finite])
+    return bound, estimate
 
 
 def on_child_parts(values: np.ndarray) -> np.ndarray:

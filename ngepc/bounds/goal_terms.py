@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from ngsolve import BND, CF, L2, VOL, CoefficientFunction, GridFunction, Integrate
@@ -56,7 +56,7 @@ class MeanDisplacement(Declared):
     Parameters
     ----------
     boundary
-        Name of the boundary; it is no contact boundary and not held.
+        Name of the boundary, which is not clamped.
     component
         0, 1 or 2.
     """
@@ -183,6 +183,11 @@ def terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
     return replace(terms, lower=_terms_of(goal, bound_data.lower))
 
 
+def _along(what: str, place: str, goal: Any) -> str:
+    """The name of a component on a boundary: "reaction of left along x"."""
+    return f"{what} of {place} along {'xyz'[goal.component]}"
+
+
 def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
     """The same without ``lower``."""
     problem = bound_data.problem
@@ -199,7 +204,9 @@ def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
         return GoalTerms(f"contact force on {goal.boundary}", None, on, None)
     if isinstance(goal, MeanDisplacement):
         load = _loaded(problem, _mean_traction(goal, problem), None)
-        return GoalTerms(f"mean displacement of {goal.boundary}", load, zero, None)
+        return GoalTerms(
+            _along("mean displacement", goal.boundary, goal), load, zero, None
+        )
     if isinstance(goal, LoadWork):
         load = _loaded(problem, goal.traction, goal.body_force)
         return GoalTerms("work", load, zero, None)
@@ -207,7 +214,7 @@ def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
         return _displacement_at(goal, problem, zero)
     if hasattr(goal, "support") and hasattr(goal, "component"):
         motion = _support_motion(goal, bound_data)
-        return GoalTerms(f"reaction of {goal.support}", None, zero, motion)
+        return GoalTerms(_along("reaction", goal.support, goal), None, zero, motion)
     raise TypeError(
         f"goal={in_words(goal)}: 'contact_force', 'work', ContactForceOn, "
         "MeanDisplacement, LoadWork, "
@@ -238,6 +245,11 @@ def _mean_traction(goal: MeanDisplacement, problem: Problem) -> dict[str, tuple]
     """The traction whose work is the mean."""
     names = boundary_names("boundary", goal.boundary, problem.mesh)
     component = require_integer("component", goal.component, 0, problem.N - 1)
+    clamped = sorted(set(names) & set(problem.clamped_names))
+    if clamped:
+        raise ValueError(
+            f"boundary={goal.boundary!r}: {clamped[0]!r} is clamped and does not move"
+        )
     region = problem.mesh.Boundaries("|".join(names))
     size = Integrate(CF(1), problem.mesh, BND, definedon=region)
     traction = [0.0] * problem.N

@@ -411,6 +411,8 @@ def notebooks(args: argparse.Namespace) -> int:
         raise FileNotFoundError(
             f"there are no notebooks in {start}: install ngepc again"
         )
+    if args.folder.is_file():
+        raise NotADirectoryError(f"{args.folder} is a file: give the name of a folder")
     copies = {file: args.folder / file.relative_to(start) for file in wanted}
     present = [copy for copy in copies.values() if copy.exists()]
     if present and not args.force:

@@ -226,8 +226,10 @@ def fields_of(source: object, name: str = "source", others: str = "") -> Fields:
     """The recovered fields of a result, or ``source`` itself if it is ``Fields``."""
     fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
     if not isinstance(fields, Fields):
+        inner = ", such as its .result" if hasattr(source, "result") else ""
         raise TypeError(
-            f"{name}={in_words(source)}: {others}the result of a solver or its Fields are needed"
+            f"{name}={in_words(source)}: {others}the result of a solver or its Fields are "
+            f"needed{inner}"
         )
     return fields
 

@@ -128,7 +128,10 @@ def section_of(place: int, section: object) -> Section:
     )
     if not listed:
         needed = "a result, a history, or a pair of a heading and a list of contents"
-        raise TypeError(f"sections[{place}]={in_words(section)}: {needed} is needed")
+        inner = ", such as its .result" if hasattr(section, "result") else ""
+        raise TypeError(
+            f"sections[{place}]={in_words(section)}: {needed} is needed{inner}"
+        )
     require_text(f"sections[{place}][0]", section[0])
     return section
 

@@ -371,3 +371,18 @@ def test_an_exact_adjoint_has_a_narrow_interval(order):
     assert interval.adjoint < 1e-12 * interval.bound.total * interval.factor**2
     assert interval.lower < value < interval.upper
     assert interval.percent < 4
+
+
+@pytest.fixture(scope="module")
+def touching():
+    return semismooth_newton(just_touching(1.0, 1.0))
+
+
+def test_the_mean_displacement_of_a_clamped_boundary_is_refused(touching):
+    with pytest.raises(ValueError, match="'clamped' is clamped and does not move"):
+        goal_bound(touching, MeanDisplacement("clamped", 0))
+
+
+def test_a_printed_goal_says_its_component(touching):
+    found = goal_bound(touching, Reaction("clamped", 1))
+    assert str(found).startswith("reaction of clamped along y: ")

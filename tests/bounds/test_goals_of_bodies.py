@@ -149,7 +149,7 @@ def test_the_displacement_of_a_part_that_may_slide(order):
     assert force.percent < 0.1
     work = goal_bound(result, "work")
     assert work.percent < 20
-    with pytest.raises(ValueError, match="goal=mean displacement of top: a motion"):
+    with pytest.raises(ValueError, match="goal=mean displacement of top along x"):
         goal_bound(result, MeanDisplacement("top", 0))
 
 
