@@ -290,7 +290,19 @@ def bound_on_simplices(result: ExactResult) -> ErrorBound:
     change = changes(result.state, state, phi, parents, bound.total)
     energy = bound.energy + float(change.sum())
     total = bound.total + float(change.sum())
-    return replace(bound, energy=energy, total=total, per_cell=per_cell + change)
+    per_cell = without_negative(per_cell + change, total)
+    return replace(bound, energy=energy, total=total, per_cell=per_cell)
+
+
+def without_negative(per_cell: np.ndarray, total: float) -> np.ndarray:
+    """Indicators with this sum: the negative ones are zero, the others smaller by as much in all.
+
+    What edges and faces share is given to no element in particular.
+    """
+    positive = np.maximum(per_cell, 0.0)
+    if total <= 0 or not positive.any():
+        return per_cell
+    return positive * (total / positive.sum())
 
 
 def stays_clear(own: State, bound_data: BoundData, moved: float) -> bool:
