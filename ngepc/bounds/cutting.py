@@ -50,6 +50,10 @@ def potential_integrals(
         bound *= volume
         estimate *= volume
         total = float(result.sum() + estimate.sum())
+        if not np.isfinite(total):
+            return np.full(
+                len(result), np.inf
+            )  # where Phi is infinite, cuts do not help
         kept = worth_keeping(bound - estimate, WORTH[k] * total)
         if level == SPLITS[k]:
             kept[:] = True
