@@ -1,11 +1,17 @@
 """The laws of contact and friction for the forces of rows, with random compliances."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
-from ngepc.linalg.contact_states import can_be_enumerated, equilibria
+from ngepc.linalg.contact_states import (
+    _Laws,
+    can_be_enumerated,
+    equilibria,
+    states_of_rows,
+)
 from ngepc.linalg.friction import (
     STARTS,
     FrictionCone,
@@ -278,14 +284,38 @@ def test_enumeration_of_rows(law):
         assert near == sorted(near)
 
 
+@pytest.mark.parametrize("limit", [0.4, np.inf])
+def test_no_equilibrium_is_given_up(limit):
+    """Of 30 triples of rows: as many equilibria as when all states are solved one by one."""
+    counts = set()
+    for seed in range(30):
+        random = np.random.default_rng(seed)
+        Q = random.normal(size=(6, 6))
+        S = Q @ Q.T + 0.05 * np.eye(6)
+        mu = 10 ** random.uniform(-1, 1, 3)
+        cap = np.full(3, limit)
+        free = np.zeros(3, dtype=bool)
+        gaps = random.normal(size=6)
+        none = np.zeros(6)
+        laws = _Laws(S, gaps, none, mu, cap, S.diagonal())
+        states = np.array(list(product(*states_of_rows(cap, free))))
+        x = laws.solved(states)
+        every = x[laws.hold(states, x)]
+        found = equilibria(S, gaps, none, mu, cap, free, S.diagonal())
+        distinct = {tuple(np.round(x, 8) + 0.0) for x in found}
+        assert distinct == {tuple(np.round(x, 8) + 0.0) for x in every}
+        counts.add(len(distinct))
+    assert max(counts) >= 3
+
+
 def test_how_many_rows_are_enumerated():
-    """Four states of a row to eight rows, six with a limit; a tied row has one."""
-    free, tied = np.zeros(9, dtype=bool), np.ones(9, dtype=bool)
-    infinite, limited = np.full(9, np.inf), np.ones(9)
-    assert can_be_enumerated(infinite[:8], free[:8])
+    """Four states of a row to ten rows, six with a limit to eight; a tied row has one."""
+    free, tied = np.zeros(11, dtype=bool), np.ones(11, dtype=bool)
+    infinite, limited = np.full(11, np.inf), np.ones(11)
+    assert can_be_enumerated(infinite[:10], free[:10])
     assert not can_be_enumerated(infinite, free)
-    assert can_be_enumerated(limited[:6], free[:6])
-    assert not can_be_enumerated(limited[:7], free[:7])
+    assert can_be_enumerated(limited[:8], free[:8])
+    assert not can_be_enumerated(limited[:9], free[:9])
     assert can_be_enumerated(limited, tied)
     rule = FrictionCone(infinite[:8], np.full(8, 0.3), free[:8], 1)
     assert rule.enumerable
