@@ -148,8 +148,10 @@ class _Laws:
         rounding: np.ndarray,
     ) -> np.ndarray:
         """Whether forces and gaps (k, rows, 2) meet the inequalities of the states (k, rows)."""
-        n, t = x[..., 0], x[..., 1]
-        open_gap, back = gaps[..., 0], gaps[..., 1]
+        n = x[..., 0]
+        t = x[..., 1]
+        open_gap = gaps[..., 0]
+        back = gaps[..., 1]
         pressed = self._mu[rows] * n
         unlimited = self._unlimited[rows]
         bound = np.minimum(pressed, unlimited)
@@ -247,8 +249,10 @@ class _Laws:
 
 def _inverses(matrix: np.ndarray) -> np.ndarray:
     """The inverses of matrices (..., 2, 2), NaN where they are singular."""
-    a, b = matrix[..., 0, 0], matrix[..., 0, 1]
-    c, d = matrix[..., 1, 0], matrix[..., 1, 1]
+    a = matrix[..., 0, 0]
+    b = matrix[..., 0, 1]
+    c = matrix[..., 1, 0]
+    d = matrix[..., 1, 1]
     determinant = a * d - b * c
     small = np.abs(determinant) <= SINGULAR * (np.abs(a * d) + np.abs(b * c))
     determinant = np.where(small, np.nan, determinant)
