@@ -176,14 +176,6 @@ class GoalBound:
         result.vec.FV().NumPy()[:] = self.per_cell
         return result
 
-    def on(self, problem: Problem, parents: np.ndarray) -> GoalBound:
-        """The same with contributions of the elements of a problem, which ``parents`` names."""
-        count = problem.mesh.ne
-        of_bound = np.bincount(parents, self.bound.per_cell, minlength=count)
-        bound = replace(self.bound, per_cell=of_bound, given=problem)
-        per_cell = np.bincount(parents, self.per_cell, minlength=count)
-        return replace(self, bound=bound, per_cell=per_cell)
-
     @property
     def kind(self) -> str:
         """'guaranteed' or 'not proved'."""
@@ -191,6 +183,17 @@ class GoalBound:
 
     def __str__(self) -> str:
         return f"{self.name}: {interval_in_words(self.lower, self.upper, self.kind)}"
+
+
+def interval_of_elements(
+    goal: GoalBound, problem: Problem, parents: np.ndarray
+) -> GoalBound:
+    """The interval with contributions of the elements of a problem, which ``parents`` names."""
+    count = problem.mesh.ne
+    of_bound = np.bincount(parents, goal.bound.per_cell, minlength=count)
+    bound = replace(goal.bound, per_cell=of_bound, given=problem)
+    per_cell = np.bincount(parents, goal.per_cell, minlength=count)
+    return replace(goal, bound=bound, per_cell=per_cell)
 
 
 @one_blas_thread
@@ -309,7 +312,11 @@ class GoalProblem:
         start = self._adjoints.start(terms)
         best = self._best(start, self._first(start) if near is None else near)
         found = self._interval(terms, best.finite(), discrete)
-        return found if self._copied is None else found.on(*self._copied)
+        return (
+            found
+            if self._copied is None
+            else interval_of_elements(found, *self._copied)
+        )
 
     def _first(self, start: Start) -> float:
         """The first lambda for a goal; what suffices if its adjoint does not move."""

@@ -44,7 +44,7 @@ COARSER = {
     "docs/cycles.md": {"steps=50": "steps=5"},
     "docs/error_bound.md": {
         "relative_error=0.05": "relative_error=0.3",
-        "error=0.1\n": "error=0.4\n",
+        " error=0.1)": " error=0.4)",
     },
     "docs/gallery.md": {"paper_mesh(833)": "paper_mesh(113)"},
     "docs/goal_bound.md": {"percent=5": "percent=20", "at_most=4200": "at_most=6000"},
