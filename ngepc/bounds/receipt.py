@@ -16,10 +16,11 @@ import numpy as np
 from ngsolve import CF, ET, VOL, IntegrationRule
 
 from ngepc._version import __version__
+from ngepc.bounds import check_goal
 from ngepc.bounds.adjoint import AdjointConditions
 from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state, state_of
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.check_receipt import FORMAT, proved_intervals
+from ngepc.bounds.check_receipt import FORMAT
 from ngepc.bounds.contact import BUBBLE, EDGES, LEVEL
 from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.coverage import CONSTANT
@@ -28,6 +29,7 @@ from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import GoalBound
 from ngepc.bounds.integrand import BoundPart
 from ngepc.bounds.polynomials import NODES, coefficients
+from ngepc.bounds.receipt_file import in_file_order
 from ngepc.bounds.simplices import FACETS
 from ngepc.checks.kinds import require_instance, require_path
 from ngepc.discretisation.factors import Factors
@@ -43,8 +45,10 @@ COVERS -= {"anisotropic yield", "cyclic hardening", "springs"}
 COVERS -= {"rate", "two bodies", "held by contact", "hexahedra"}
 """Features that receipts cover."""
 
-RESOLVED = 0.02
+FINE = 0.1
 """Accuracy of the checker's plastic terms, relative to the bound."""
+FINE_GOAL = 0.03
+"""Accuracy of its suprema, relative to the interval of a goal."""
 CLEARANCE = 1e-11
 """Fraction of the largest displacement by which bodies are moved away from the obstacle."""
 CLEAR_OF_GOAL = 1e-6
@@ -115,9 +119,12 @@ def write_receipt(
         bound_data = bound_data_of(bound.state.discrete)
     check_written(bound_data, bound)
     arrays, header = claims_of(bound_data, bound, goal)
-    proved = proved_intervals(arrays, header)
+    width = 0.0 if goal is None else goal.width
+    fine = FINE * bound.total, FINE_GOAL * width
+    members = in_file_order(arrays, header, fine)
+    proved = check_goal.proved_intervals(check_goal.opened(members, header), header)
     header |= widened(proved)
-    np.savez(path, header=json.dumps(header), **arrays)
+    np.savez(path, header=json.dumps(header), **members)
     name = "" if goal is None else "goal "
     return header[name + "lower"], header[name + "upper"]
 
@@ -144,7 +151,6 @@ def claims_of(
         "made by": f"ngepc {__version__}",
         "kinematics": bound_data.problem.kinematics.name,
         "order": bound_data.problem.order,
-        "resolution": RESOLVED * bound.total,
     }
     parts = PartedMesh(bound_data)
     largest = np.abs(bound.state.u).max(initial=0.0)

@@ -171,7 +171,9 @@ def test_what_rollers_carry_is_not_underestimated(N):
     held[:N] = True
     measure = random.uniform(0.5, 2.0, count)
     reach = 2.0
-    r = SimpleNamespace(N=N, held=held, points=points, boundary=boundary, outer=measure)
+    r = SimpleNamespace(
+        N=N, held=held.T, points=points.T, ends=boundary.T, outer=measure
+    )
     bound = rolled(r, 1.0, reach)
 
     def wrench(place, force):

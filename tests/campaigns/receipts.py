@@ -10,7 +10,7 @@ import math
 import tempfile
 import time
 from dataclasses import dataclass
-from itertools import islice
+from itertools import combinations, islice
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,8 @@ from campaigns.intervals import goals_of
 from ngsolve import ET, IntegrationRule
 
 from ngepc import error_bound, goal_bound, semismooth_newton, write_receipt
-from ngepc.bounds import check_receipt
+from ngepc.bounds import check_goal, check_receipt
+from ngepc.bounds.receipt_file import in_one
 from ngepc.studies.work import Work
 
 ENERGIES = ("order 1", "order 2", "solid")
@@ -62,7 +63,7 @@ class Judge:
     """The claims of a receipt, checked by quadrature instead of bounds."""
 
     def __init__(self, arrays, header):
-        self.a = arrays
+        self.a = arrays = by_cells(arrays, header)
         self.header = header
         self.N = arrays["points"].shape[1]
         self.n = arrays["stress"].shape[-1]
@@ -383,6 +384,42 @@ class Judge:
         return float(upper), float(lower - self.measure @ (pressed @ weights))
 
 
+def by_cells(arrays, header):
+    """The arrays of a file with cells first, tensors as matrices, and nodes at edges in ``cells``.
+
+    Sides whose numbers make no sense raise an IndexError.
+    """
+    N, n = {"two-dimensional": (2, 2), "plane strain": (2, 3), "solid": (3, 3)}[
+        header["kinematics"]
+    ]
+    found = {name: np.moveaxis(values, -1, 0) for name, values in arrays.items()}
+    entries = np.diag(np.arange(n))
+    for place, (i, j) in enumerate(combinations(range(N), 2)):
+        entries[i, j] = entries[j, i] = n + place
+    off = np.ones((n, n))
+    off[N:, :N] = off[:N, N:] = 0.0
+    for name in {"stress", "initial", "back", "tau"} & set(found):
+        values = found[name] if found[name].ndim == 3 else found[name][:, None]
+        found[name] = values[..., entries] * off
+    cells = found["cells"]
+    K = len(cells)
+    if header["order"] == 2:
+        number = np.full(cells.size, -1)
+        number[arrays["sides"]] = np.arange(arrays["sides"].shape[1])
+        if (number < 0).any():
+            raise IndexError("a side has no number")
+        edges = len(found["points"]) + number.reshape(-1, K).T
+        found["cells"] = np.concatenate([cells, edges], axis=1)
+    first, second = arrays["sides"]
+    place, cell = np.divmod(first[first == second], K)
+    found["boundary"] = np.array(
+        [np.delete(cells[c], i) for i, c in zip(place, cell, strict=True)]
+    )
+    for name in ("held", "contact"):
+        found[name] = found[name] != 0
+    return found
+
+
 def symmetric(T):
     """The symmetric parts of tensors."""
     return (T + T.swapaxes(2, 3)) / 2
@@ -398,7 +435,7 @@ def falsifies(arrays, header):
     """Whether a receipt claims more than it proves; an invalid mesh proves nothing."""
     try:
         return Judge(arrays, header).falsified
-    except (np.linalg.LinAlgError, IndexError, ZeroDivisionError):
+    except (np.linalg.LinAlgError, IndexError, ZeroDivisionError, ValueError):
         return True
 
 
@@ -440,19 +477,39 @@ def passes(arrays, header):
     """Whether the checker accepts it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "changed.npz"
-        np.savez(path, header=json.dumps(header), **arrays)
+        np.savez(path, header=json.dumps(header), **members(arrays, header))
         try:
-            check_receipt.check(str(path))
+            check_goal.check(str(path))
         except Exception:  # whatever is wrong with a file, it does not pass
             return False
         return True
 
 
+def members(arrays, header):
+    """The members of a file with these arrays."""
+    found = {
+        "numbers": in_one(arrays, check_receipt.NUMBERS, float),
+        "indices": in_one(arrays, check_receipt.INDICES, np.int64),
+        "cut": arrays["cut"],
+    }
+    if "goal" in header:
+        found["goal"] = in_one(arrays, check_goal.NUMBERS, float)
+    return found
+
+
 def opened(path):
-    """Arrays and header of a receipt."""
+    """Arrays by name, and header of a receipt."""
     with np.load(path) as file:
-        arrays = dict(file)
-    return arrays, json.loads(str(arrays.pop("header")))
+        found = dict(file)
+    header = json.loads(str(found.pop("header")))
+    sizes = check_receipt.sizes_of(header)
+    unpacked = check_receipt.unpacked
+    arrays = unpacked(found["numbers"], check_receipt.NUMBERS, sizes)
+    arrays |= unpacked(found["indices"], check_receipt.INDICES, sizes)
+    if "goal" in header:
+        arrays |= unpacked(found["goal"], check_goal.NUMBERS, sizes)
+    arrays["cut"] = found["cut"]
+    return arrays, header
 
 
 def tampered(path, random, wanted):
@@ -519,7 +576,7 @@ class Receipts(Work):
             except (ValueError, RuntimeError) as error:
                 return {"refused": str(error)}
             start = time.process_time()
-            check_receipt.check(str(path))
+            check_goal.check(str(path))
             checked = time.process_time() - start
             wrong = falsifies(*opened(path))
             failure = "the judge refuses the receipt" if wrong else ""

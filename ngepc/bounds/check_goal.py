@@ -1,0 +1,206 @@
+"""Check a receipt of a goal: a force or a displacement lies in an interval.  numpy alone.
+
+    python check_goal.py receipt.npz
+
+The file has all of a receipt of the energy, which ``check_receipt`` checks (paragraphs 1 to 5 and
+the symbols are there), and an adjoint pair.
+
+6. A goal is Q = int F . u + int G . u + int c P - int t . V of the solution (u, P, t).  Let z = V
+   where the body is held, T a stress in equilibrium with F, G and -q n on the obstacle, L > 0 with
+   |q| <= L P, |c - z . n| <= L (psi - u . n), and s = 2 mu (e - p_0) - a.  Then
+     Q <= int [F . u + G . u + f . z + g . z - B tr eps(u) tr eps(z) - a : eps(z)]
+          + int (m_T - B tr eps(z) + L (m - B tr eps(u)))^2/(4 L B) + int [X(p, w) - p : s]
+          + int (q + L P)(psi - u . n) + (b_T + L b) (2 G)^(1/2),
+     p = (d_T + L (d - a))/(2 mu),  w = L s/(2 mu) - dev eps(z),  k = L/(2 mu),
+     X = sup over t of  p : t + w : N - k t : N,  N = the radial return of t; X is convex.
+   Proof: for the solution (v, Y) add  (T, eps(v - u)) = goal's load on v - u,  (Y, eps(z)) = load
+   on z,  and subtract  L (Y - S, eps(v - u)).  -Q has the same bound with -z, -T, -q, -c.
+7. With y = p + w, v = M p + h w, M = 2 mu + h:  where |t| <= beta, X is the sup of y : t - k |t|^2,
+   that is  E = |y|^2/(4 k) = beta |y| - k beta^2 + (2 k beta - |y|)^2/(4 k),  without the last term
+   if |y| > 2 k beta.  Beyond, t and N have sizes beta + M g, beta + h g with a plastic strain g > 0
+   and the direction of beta y + g v:  X = sup of
+     |beta y + g v| - k (beta + M g)(beta + h g) <= E + ([|v| - k beta (M + h)]_+)^2/(4 k M h).
+   Where K flows this is better: take numbers g_0, a direction, and parts y_n, v_n along it, y', v'
+   across.  With least values Y, V of y_n, v_n, D = beta Y + g_0 V, D' = beta Y + g_0 V/2,
+   e = beta y' + g_0 v', x = g - g_0 >= -g_0/2 and 3 of ``check_receipt``
+     |beta y + g v| <= beta y_n + g v_n + |e + x v'|^2/(2 (D + x V)),
+     1/(D + x V) <= 1/D + |x| V/(D D'),  (|e| + |x v'|)^2 (1/D + |x| V/(D D'))
+                   <= |e|^2 (1/D + |x| V/(D D')) + 2 |e| |x v'|/D + x^2 (|v'|^2/D' + 2 V |e| |v'|/(D D')),
+   a parabola in x, whose largest value is in the code.  Smaller g have less: |beta y + g v| is
+   convex, has at least the slope y : v/|y|, and k (beta + M g)(beta + h g) at most
+   k beta (M + h) + 3/2 k M h g_0 between g and g_0.
+8. X is convex, and so is a bound by coefficients: K may be cut.
+"""
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy import einsum, ndarray
+
+try:
+    from ngepc.bounds import check_receipt as energy
+except ImportError:  # the two files alone, in one folder
+    import check_receipt as energy
+
+Body = energy.Body
+inner = energy.inner
+size = energy.size
+NUMBERS = (  # z, T, q, F, G, V, c of 6
+    "z NU, tau kcK, tau_carried K, goal_force NK, goal_pressure tB, goal_traction tNB, "
+    "goal_motion tNB, goal_contact B"
+)
+PART = 0.25  # of g_0, see 7
+WIDE = 1000  # conditions of what numbers of 7 are divided by
+
+
+def elevated(c: ndarray, k: int) -> ndarray:
+    """k coefficients of fields that are constant, affine, or have k coefficients."""
+    if len(c) == 1:
+        return c.repeat(k, axis=0)
+    middle = (c[[1, 0, 0]] + c[[2, 2, 1]]) / 2 if len(c) < k else c[:0]
+    return np.concatenate([c, middle])
+
+
+def along(x: ndarray, direction: ndarray) -> tuple[ndarray, ndarray, ndarray]:
+    """Fields along a direction on each K (k, 1, K), across it, and the least along it."""
+    y = einsum("kcK,cK->kK", x, direction)[:, None]
+    return y, x - y * direction, y[:, 0].min(axis=0)
+
+
+def supremum(N: int, x: ndarray, law: ndarray) -> ndarray:
+    """Means of X(p, w) from above by 7, for coefficients x = (p, w) and rows k, M, h, beta."""
+    p, w = np.split(x, 2, axis=1)
+    k, M, h, beta = law[:4]
+    y = p + w
+    v = M * p + h * w
+    bend = k * M * h
+    loss = k * beta * (M + h)
+    far = np.sqrt(einsum("kcK,kcK->kK", y, y))
+    steep = np.sqrt(einsum("kcK,kcK->kK", v, v))
+    missing = np.maximum(2 * k * beta - far, 0.0) ** 2 / (4 * k)
+    rough = (beta * (far - k * beta) + missing).mean(axis=0)
+    rough = np.minimum(rough, inner(y, y, N) / (4 * k))
+    rough += (np.maximum(steep - loss, 0.0) ** 2).mean(axis=0) / (4 * bend)
+
+    at = v.mean(axis=0)
+    g = np.maximum(np.sqrt((at**2).sum(axis=0)) - loss, 0.0) / (2 * bend)
+    n = beta * y.mean(axis=0) + g * at
+    n /= np.maximum(np.sqrt((n**2).sum(axis=0)), 1e-300)
+    y_n, y_across, Y = along(y, n)
+    v_n, v_across, V = along(v, n)
+    g = np.maximum(v_n.mean(axis=(0, 1)) - loss, 0.0) / (2 * bend)
+    clear = (far.max(axis=0) < 4 * Y) & (steep.max(axis=0) < 4 * V)
+    Y = np.where(clear, Y, 1.0)
+    V = np.where(clear, V, 1.0)
+    aside = size(y_across)
+    turn = size(v_across)
+    lost = beta * (np.sqrt(Y**2 + aside**2) - Y)
+    lost = np.maximum(lost - g * (V - loss - (1 + PART) * bend * g), 0.0)
+    D = beta * Y + g * V
+    least = beta * Y + PART * g * V
+    e = beta * y_across + g * v_across
+    off = size(e)
+    b = bend - turn**2 / (2 * least) - V * off * turn / (D * least)
+    clear &= b > bend / 4
+    c = v_across.mean(axis=0)
+    X = v_n + einsum("kcK,cK->kK", e, c)[:, None] / D - loss - 2 * bend * g
+    Z = off * size(v_across - c) / D + V * off**2 / (2 * D * least)
+    rest = (np.sqrt(inner(X, X, N)) + Z) ** 2 / (4 * np.where(clear, b, 1.0))
+    flat = k * (beta + M * g) * (beta + h * g)
+    fine = (beta * y_n + g * v_n).mean(axis=(0, 1)) - flat + inner(e, e, N) / (2 * D)
+    fine += rest + missing.max(axis=0) + lost
+    return np.where(clear, np.minimum(rough, fine), rough)
+
+
+def check_adjoint(r: Body, factor: float) -> None:
+    """The conditions of 6."""
+    need = energy.need
+    need(factor > 0, "factor: not positive")
+    small = np.abs(r.goal_pressure) <= (1 - energy.EPS) * factor * r.pressure
+    need(small.all(), "goal_pressure: larger than the factor times the pressure")
+    most = factor * (1 - energy.EPS) * r.room
+    for sign in (-1.0, 1.0):
+        spare = energy.room(r, sign * r.z, sign * r.goal_motion, sign * r.goal_contact)
+        energy.need_positive(r, most + spare, "z: wrong at the obstacle")
+
+
+def interval(r: Body, factor: float, above: Callable) -> tuple[float, float]:
+    """6: what a goal lies between."""
+    N = r.N
+    q = r.goal_pressure
+    rest = energy.balance(r, r.tau, r.goal_force, r.goal_traction, q)
+    doubt = (energy.defect(r, rest, r.tau_carried) + factor * r.b) * r.root
+    trace, e, strain, missed = energy.strains(r, r.z)
+    m, d = energy.split(r, r.tau)
+    done = energy.work(r, r.goal_force, r.goal_traction, r.u)
+    gained = energy.work(r, r.body_force, r.traction, r.z)
+    own = r.bulk * inner(r.trace, trace, N) + (r.back * e.mean(axis=0)).sum(axis=0)
+    room = r.room[:, None]
+    opened = inner(q[:, None], room, N - 1) * r.outer
+    centre = np.concatenate([done[0], gained[0], -r.volume * own, opened])
+    opening = inner(factor * r.pressure[:, None], room, N - 1) * r.outer
+    large = 3 * size(r.tau) + factor * r.large + r.stiff * (strain + factor * r.strain)
+    wrong = r.wrong * large + r.stiff * (missed + factor * r.missed)
+    slack = WIDE * r.volume * r.soft / factor * large * wrong
+    near = 10 * r.near * (np.abs(opening) + r.outer * size(q[:, None]) * size(room))
+    always = [opening, slack, near, done[1], gained[1], [doubt]]
+
+    fields = (elevated(field, r.k) for field in (r.trial, e, trace, r.trace))
+    trial, e, trace, own_trace = fields
+    law = np.array(
+        [factor / (2 * r.mu), 2 * r.mu + r.hardening, r.hardening, r.beta, r.volume]
+    )
+    ends = []
+    for sign in (-1.0, 1.0):
+        mean = sign * (m - r.bulk * trace) + factor * (r.m - r.bulk * own_trace)
+        p = (sign * d + factor * r.shifted) / (2 * r.mu)
+        w = factor / (2 * r.mu) * trial - sign * e
+        inside = inner(mean, mean, N) / (4 * factor * r.bulk) - inner(p, trial, N)
+        highest = above(r, supremum, np.concatenate([p, w], axis=1), law)
+        parts = sign * centre, *always, r.volume * inside, highest
+        ends.append(sign * energy.summed(*parts))
+    return tuple(ends)
+
+
+def opened(file: Mapping[str, ndarray], header: dict) -> Body:
+    """The arrays of a receipt with types and shapes of the tables."""
+    r = energy.opened(file, header)
+    if "goal" in header:
+        numbers = file["goal"]
+        right = numbers.dtype == float and np.isfinite(numbers).all()
+        energy.need(right, "goal: not finite")
+        vars(r).update(energy.unpacked(numbers, NUMBERS, vars(r)))
+    return r
+
+
+def proved_intervals(r: Body, header: dict, above: Callable = energy.above) -> dict:
+    """What a receipt proves; ValueError where it is not admissible."""
+    proved = dict(zip(("lower", "upper"), energy.energies(r, above), strict=True))
+    if "goal" in header:
+        factor = float(header["factor"])
+        check_adjoint(r, factor)
+        ends = interval(r, factor, above)
+        proved["goal lower"], proved["goal upper"] = ends
+    return proved
+
+
+def check(path: str) -> str:
+    """What a receipt shows; ValueError and others if it does not."""
+    with np.load(path, allow_pickle=False) as file:
+        header = json.loads(str(file["header"]))
+        proved = proved_intervals(opened(file, header), header)
+    for name, value in proved.items():
+        right = header[name] <= value if "lower" in name else value <= header[name]
+        energy.need(right, f"{name}: {header[name]} claimed, {value} proved")
+    text = f"least energy in ({header['lower']}, {header['upper']})"
+    if "goal" not in header:
+        return text
+    return (
+        f"{text}, {header['goal']} in ({header['goal lower']}, {header['goal upper']})"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(energy.check_files(sys.argv[1:], check))
