@@ -23,7 +23,7 @@ boundary (u_i = U_i) and may touch an obstacle (u . n <= psi).  With e = dev eps
    pass on the forces and torques of r, j: from K by the side ``way``, at most ``carried``, until a
    support is reached.  What is left on K does no work on rigid motions, and is at most
    b_K |eps(w)|, b_K = |J|^2 |J^-1| (C_1 |r| + C_2 sum (|E|/det J)^(1/2) |j, T|)  with the edges J
-   of K and constants of an equilateral K.  J is m-convex, m = min(2 mu h/(2 mu + h), n B):  with
+   of K and constants of a reference K.  J is m-convex, m = min(2 mu h/(2 mu + h), n B):  with
    G = J(u) - J(v), b^2 = sum b_K^2/m  the last term is at most b (2 G)^(1/2).
 """
 
@@ -46,7 +46,7 @@ NUMBERS = (  # the last letter is the fastest: K cells, P points, B sides of the
 )
 INDICES = "cells vK, sides 2S, way K, held NB, contact B"
 LAWS = {"two-dimensional": (2, 2), "plane strain": (2, 3), "solid": (3, 3)}  # N, n
-CONSTANTS = {2: (1.1, 4.5), 3: (3.0, 15.0)}  # C_1, C_2
+CONSTANTS = {2: (1.1, 4.0), 3: (3.0, 16.0)}  # C_1, C_2
 SIDES = {2: [[1, 2], [0, 2], [0, 1]], 3: [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]}
 BETWEEN = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # coefficient of two vertices
 QUADRATIC = {  # means of the products of quadratic Bernstein polynomials
@@ -228,7 +228,7 @@ def join(r: Body) -> None:
     r.out = np.flatnonzero(r.sides[0] == r.sides[1])
     r.side = np.full(r.areas.size, -1)
     r.side[r.sides] = np.arange(r.S)
-    once = 2 * r.S - r.B == r.side.size and len(r.out) == r.B
+    once = r.side.size == 2 * r.S - r.B and len(r.out) == r.B
     need(once and (r.sides >= 0).all() and (r.side >= 0).all(), "sides: not those of K")
     r.side = r.side.reshape(r.areas.shape)
     corners = r.cells[SIDES[N]].swapaxes(0, 1).reshape(N, -1)
@@ -238,9 +238,8 @@ def join(r: Body) -> None:
     need(r.P**N < 2**63 and (np.diff(number) > 0).all(), "sides: not ascending")
     r.ends = ends[:, r.out]
     quadratic = r.U > r.P
-    r.nodes = np.concatenate([r.cells, r.P + r.side]) if quadratic else r.cells
-    edges = r.P + r.out[None]
-    r.side_nodes = np.concatenate([r.ends, edges]) if quadratic else r.ends
+    r.nodes = np.concatenate([r.cells, r.P + r.side][: 1 + quadratic])
+    r.side_nodes = np.concatenate([r.ends, r.P + r.out[None]][: 1 + quadratic])
     place = r.sides[0, r.out]
     r.outer = r.areas.ravel()[place]
     r.normal = r.area.swapaxes(0, 1).reshape(N, -1)[:, place] / r.outer
@@ -251,16 +250,15 @@ def room(r: Body, u: ndarray, motion: ndarray, gap: ndarray) -> ndarray:
     """gap - u . n, with what rounding may change, of a displacement with the right supports."""
     u = u[:, r.side_nodes].swapaxes(0, 1)
     need(((u == motion) | ~r.held).all(), "u, z: not the prescribed displacement")
-    unsure = r.near * np.sqrt((u**2).sum(axis=1))
-    return gap - (u * r.normal).sum(axis=1) - unsure
+    return gap - (u * r.normal).sum(axis=1) - r.near * np.sqrt((u**2).sum(axis=1))
 
 
 def need_positive(r: Body, c: ndarray, message: str) -> None:
     """Coefficients of functions that are nonnegative on the sides with an obstacle."""
     c = c[:, r.contact]
     need((c[: r.N] >= 0).all(), message)
-    if len(c) > r.N:
-        need((c[2] >= -(1 - EPS) * np.sqrt(c[0] * c[1])).all(), message)
+    least = -(1 - EPS) * np.sqrt(c[0] * c[1])
+    need((c[r.N :] >= least).all(), message)
 
 
 def strains(r: Body, u: ndarray) -> tuple[ndarray, ...]:
@@ -315,8 +313,7 @@ def balance(r: Body, S: ndarray, force: ndarray, traction: ndarray, P: ndarray) 
     T = sum(full[places, :, b].swapaxes(1, 2) * r.area[:, b] for b in range(N))
     T = T.reshape(len(places), N, -1)
     jump = T[..., r.sides[0]] + T[..., r.sides[1]]
-    load = (traction - P[:, None] * r.normal) * r.outer
-    missing = jump[..., r.out] / 2 - load
+    missing = jump[..., r.out] / 2 - (traction - P[:, None] * r.normal) * r.outer
     jump[..., r.out] = np.where(r.held, 0.0, missing)
     unsure = (r.wrong * large * r.areas).ravel()[r.sides].sum(axis=0)
     unsure[r.out] += r.near * r.outer * (size(traction) + np.abs(P).max(axis=0))
@@ -331,7 +328,7 @@ def rolled(r: Body, force: float, reach: float) -> float:
     """What supports of single components carry, all of them, of forces with a sum of sizes."""
     component, row = np.nonzero(r.held)
     middle = r.points[:, r.ends[:, row]].mean(axis=1)
-    m = (middle - r.points.min(axis=1, keepdims=True)) / reach
+    m = (middle - r.points[:, :1]) / reach
     e = np.eye(r.N)[:, component]
     turns = [m[i] * e[j] - m[j] * e[i] for i, j in combinations(range(r.N), 2)]
     area = r.outer[row]
@@ -353,7 +350,8 @@ def defect(r: Body, rest: Body, carried: ndarray) -> float:
     free = r.out[~r.held.all(axis=0)]
     need(not np.isin(side[last], free).any(), "way: it ends where the body is free")
     gets = np.bincount(beyond[~last] % r.K, carried[going[~last]], r.K)
-    need((carried >= (rest.force + gets) * (1 + EPS)).all(), "carried: too little")
+    least = np.maximum((rest.force + gets) * (1 + EPS), 0.0)
+    need((carried >= least).all(), "carried: too little")
     passed = np.zeros(r.S)
     passed[side] = carried[going]
     if len(going) < r.K:
@@ -372,14 +370,14 @@ def lower_energy(r: Body, rest: Body, above: Callable) -> float:
     r.m, d = split(r, r.stress)
     r.shifted = d - r.back
     total = d + 2 * r.mu * r.initial
-    density = inner(r.m, r.m, r.N) / (2 * r.bulk)
-    density += inner(total, total, r.N) / (4 * r.mu)
+    density = inner(r.m, r.m, r.N) / (2 * r.bulk) + inner(total, total, r.N) / (
+        4 * r.mu
+    )
     law = np.array([r.beta, r.volume / r.hardening])
     flows = above(r, partial(flow, p=False), r.shifted, law)
     pressed = inner(r.pressure[:, None], r.gap[:, None], r.N - 1) * r.outer
     moved = inner(rest.reaction, r.prescribed, r.N - 1)
-    r.large = 3 * size(r.stress) + 2 * r.mu * size(r.initial[None])
-    r.large += size(r.back[None])
+    r.large = 3 * size(r.stress) + 2 * r.mu * size(r.initial[None]) + size(r.back[None])
     r.soft = 1 / r.bulk + 1 / r.mu + 1 / r.hardening
     density += 10 * r.wrong * r.large**2 * r.soft
     doubt = rest.unsure * size(r.prescribed) + 10 * r.near * np.abs(pressed)
@@ -405,27 +403,13 @@ def check(path: str) -> str:
     """What a receipt shows; ValueError and others if it does not."""
     with np.load(path, allow_pickle=False) as file:
         header = json.loads(str(file["header"]))
-        r = opened(file, header)
+        lower, upper = energies(opened(file, header))
     claimed = header["lower"], header["upper"]
-    proved = energies(r)
-    right = claimed[0] <= proved[0] and proved[1] <= claimed[1]
-    need(right, f"least energy: {claimed} claimed, {proved} proved")
+    right = claimed[0] <= lower and upper <= claimed[1]
+    need(right, f"least energy: {claimed} claimed, {(lower, upper)} proved")
     return f"least energy in {claimed}"
 
 
-def check_files(paths: list[str], check: Callable = check) -> int:
-    """Check files; the status is 0 if all of them show what they claim."""
-    status = 0
-    for path in paths:
-        try:
-            text = f"PASS: {check(path)}"
-        except Exception as error:  # whatever is wrong with a file, it does not pass
-            known = isinstance(error, ValueError)
-            text = f"FAIL: {error if known else repr(error)}"
-            status = 1
-        sys.stdout.write(f"{path}: {text}\n")
-    return status
-
-
 if __name__ == "__main__":
-    sys.exit(check_files(sys.argv[1:]))
+    for path in sys.argv[1:]:
+        sys.stdout.write(f"{path}: {check(path)}\n")

@@ -15,8 +15,8 @@ import numpy as np
 
 from ngepc.bounds import check_goal, check_receipt
 
-DEEPEST = 4
-"""How often a cell is cut at most for the suprema of a goal."""
+DEEPEST = {2: 3, 3: 2}
+"""How often cells of N dimensions are cut at most."""
 SPARE = 1e-6
 """Part by which bounds of forces are enlarged on each part, for rounding on other machines."""
 
@@ -86,7 +86,7 @@ def cuts_of(
         resolution = fine[1 if density is check_goal.supremum else 0]
         value = law[-1] * density(r.N, x, law)
         kept = []
-        for _ in range(DEEPEST if len(x) > 1 else 0):
+        for _ in range(DEEPEST[r.N] if len(x) > 1 else 0):
             x, law = check_receipt.parted(r.N, x, law)
             parts = law[-1] * density(r.N, x, law)
             on = parts.reshape(-1, len(value)).sum(axis=0)

@@ -23,6 +23,7 @@ from ngepc import (
     semismooth_newton,
     write_receipt,
 )
+from ngepc.__main__ import main
 from ngepc.bounds import check_goal, check_receipt
 from ngepc.bounds.bound import bound_data_of, bound_of
 from ngepc.geometries import block
@@ -367,7 +368,9 @@ def test_forces_that_go_round_do_not_pass(tmp_path):
     carried = arrays["carried"].copy()
     carried[inner % K] = 1.0
     assert not passes(arrays | {"way": way}, header)
-    assert not passes(arrays | {"way": way, "carried": carried}, header)
+    for sign in (1, -1):
+        round_and_round = {"way": way, "carried": sign * carried}
+        assert not passes(arrays | round_and_round, header)
     assert not passes(arrays | {"carried": 0.5 * arrays["carried"]}, header)
     assert not passes(arrays | {"way": np.full(K, -1)}, header)
 
@@ -379,17 +382,17 @@ def test_the_checkers_need_numpy_alone(tmp_path):
     for module in (check_receipt, check_goal):
         file = Path(module.__file__)
         (tmp_path / file.name).write_text(file.read_text())
-    code = (
-        "import sys; sys.modules['ngepc'] = sys.modules['ngsolve'] = None; "
-        "sys.modules['scipy'] = None; import check_receipt, check_goal; "
-        f"sys.exit(max(check_receipt.check_files([{str(path)!r}]), "
-        f"check_receipt.check_files([{str(path)!r}], check_goal.check)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
-    )
-    assert done.returncode == 0
-    assert done.stdout.count("PASS") == 2
+    alone = "import sys; sys.modules.update(ngepc=None, ngsolve=None, scipy=None); "
+    for name in ("check_receipt", "check_goal"):
+        code = f"import {name}; print({name}.check({str(path)!r}))"
+        done = subprocess.run(
+            [sys.executable, "-c", alone + code],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0
+        assert done.stdout.startswith("least energy in (")
 
 
 @pytest.mark.parametrize(("N", "shapes"), [(2, 1), (3, 3)])
@@ -419,12 +422,16 @@ def test_the_checker_is_short(module, most):
     assert len(code) <= most
 
 
-def test_a_damaged_file_fails(tmp_path):
+def test_a_damaged_file_fails(tmp_path, capsys):
     path = tmp_path / "receipt.npz"
     path.write_bytes(b"no receipt")
-    assert check_receipt.check_files([str(path)]) == 1
+    assert main(["check", str(path)]) == 1
     np.savez(path, header=json.dumps({"format": "another"}))
-    assert check_receipt.check_files([str(path)]) == 1
+    assert main(["check", str(path)]) == 1
+    assert capsys.readouterr().out.count("FAIL") == 2
+    write_receipt(semismooth_newton(CASES["pulled"](1)), path)
+    assert main(["check", str(path)]) == 0
+    assert "PASS" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
