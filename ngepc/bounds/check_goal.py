@@ -200,6 +200,18 @@ def check(path: str) -> str:
     )
 
 
+def check_files(paths: list[str]) -> int:
+    """Check files; the status is 0 if all of them show what they claim."""
+    status = 0
+    for path in paths:
+        try:
+            text = f"PASS: {check(path)}"
+        except Exception as error:  # whatever is wrong with a file, it does not pass
+            text = f"FAIL: {error!r}"
+            status = 1
+        sys.stdout.write(f"{path}: {text}\n")
+    return status
+
+
 if __name__ == "__main__":
-    for path in sys.argv[1:]:
-        sys.stdout.write(f"{path}: {check(path)}\n")
+    sys.exit(check_files(sys.argv[1:]))

@@ -31,7 +31,6 @@ import json
 import math
 import sys
 from collections.abc import Callable, Mapping
-from functools import partial
 from itertools import combinations
 from types import SimpleNamespace as Body
 
@@ -47,6 +46,7 @@ NUMBERS = (  # the last letter is the fastest: K cells, P points, B sides of the
 INDICES = "cells vK, sides 2S, way K, held NB, contact B"
 LAWS = {"two-dimensional": (2, 2), "plane strain": (2, 3), "solid": (3, 3)}  # N, n
 CONSTANTS = {2: (1.1, 4.0), 3: (3.0, 16.0)}  # C_1, C_2
+DEVIATORS = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
 SIDES = {2: [[1, 2], [0, 2], [0, 1]], 3: [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]}
 BETWEEN = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # coefficient of two vertices
 QUADRATIC = {  # means of the products of quadratic Bernstein polynomials
@@ -92,9 +92,10 @@ def size(a: ndarray) -> ndarray:
 
 def inner(a: ndarray, b: ndarray, N: int) -> ndarray:
     """Means of the products of two fields with coefficients (k, c, K)."""
-    k = len(a)
-    table = QUADRATIC[N] if k > N + 1 else (1 + np.eye(k)) / (k * (k + 1))
-    return einsum("kcK,kcK->K", einsum("kj,jcK->kcK", table, a), b)
+    if len(a) > N + 1:
+        return einsum("kcK,kcK->K", einsum("kj,jcK->kcK", QUADRATIC[N], a), b)
+    a = (a + a.sum(axis=0)) / (len(a) * (len(a) + 1))
+    return einsum("kcK,kcK->K", a, b)
 
 
 def gradient(c: ndarray, slopes: ndarray) -> ndarray:
@@ -106,10 +107,10 @@ def gradient(c: ndarray, slopes: ndarray) -> ndarray:
 
 
 def split(r: Body, S: ndarray) -> tuple[ndarray, ndarray]:
-    """Mean (k, 1, K) and deviator of tensors, whose products are those of vectors."""
+    """Mean (k, 1, K) and deviator of tensors, in coordinates with the same products."""
     mean = S[:, : r.n].sum(axis=1, keepdims=True) / r.n
-    d = np.concatenate([S[:, : r.n] - mean, math.sqrt(2) * S[:, r.n :]], axis=1)
-    return mean, d
+    diagonal = einsum("dc,kcK->kdK", DEVIATORS[: r.n - 1, : r.n], S[:, : r.n])
+    return mean, np.concatenate([diagonal, math.sqrt(2) * S[:, r.n :]], axis=1)
 
 
 def parted(N: int, x: ndarray, law: ndarray) -> tuple[ndarray, ndarray]:
@@ -327,8 +328,7 @@ def balance(r: Body, S: ndarray, force: ndarray, traction: ndarray, P: ndarray) 
 def rolled(r: Body, force: float, reach: float) -> float:
     """What supports of single components carry, all of them, of forces with a sum of sizes."""
     component, row = np.nonzero(r.held)
-    middle = r.points[:, r.ends[:, row]].mean(axis=1)
-    m = (middle - r.points[:, :1]) / reach
+    m = (r.points[:, r.ends[:, row]].mean(axis=1) - r.points[:, :1]) / reach
     e = np.eye(r.N)[:, component]
     turns = [m[i] * e[j] - m[j] * e[i] for i, j in combinations(range(r.N), 2)]
     area = r.outer[row]
@@ -374,7 +374,7 @@ def lower_energy(r: Body, rest: Body, above: Callable) -> float:
         4 * r.mu
     )
     law = np.array([r.beta, r.volume / r.hardening])
-    flows = above(r, partial(flow, p=False), r.shifted, law)
+    flows = above(r, lambda *at: flow(*at, p=False), r.shifted, law)
     pressed = inner(r.pressure[:, None], r.gap[:, None], r.N - 1) * r.outer
     moved = inner(rest.reaction, r.prescribed, r.N - 1)
     r.large = 3 * size(r.stress) + 2 * r.mu * size(r.initial[None]) + size(r.back[None])

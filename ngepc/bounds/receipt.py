@@ -47,8 +47,8 @@ COVERS -= {"rate", "two bodies", "held by contact", "hexahedra"}
 
 FINE = 0.1
 """Accuracy of the checker's plastic terms, relative to the bound."""
-FINE_GOAL = {2: 0.03, 3: 0.1}
-"""Accuracy of its suprema in N dimensions, relative to the interval of a goal."""
+FINE_GOAL = {(2, 1): 0.03, (2, 2): 0.06, (3, 1): 0.1}
+"""Accuracy of its suprema by (N, order), relative to the interval of a goal."""
 CLEARANCE = 1e-11
 """Fraction of the largest displacement by which bodies are moved away from the obstacle."""
 CLEAR_OF_GOAL = 1e-6
@@ -73,7 +73,8 @@ def write_receipt(
 ) -> tuple[float, float]:
     """Write the proof of an interval to a file, and check it.
 
-    ``ngepc check FILE`` checks it, and so does ``check_receipt.py`` alone, with numpy.
+    ``ngepc check FILE`` checks it, and so do ``check_receipt.py`` and ``check_goal.py`` alone,
+    with numpy.
 
     Parameters
     ----------
@@ -120,7 +121,7 @@ def write_receipt(
     check_written(bound_data, bound)
     arrays, header = claims_of(bound_data, bound, goal)
     width = 0.0 if goal is None else goal.width
-    fine = FINE * bound.total, FINE_GOAL[problem.N] * width
+    fine = FINE * bound.total, FINE_GOAL[problem.N, problem.order] * width
     members = in_file_order(arrays, header, fine)
     proved = check_goal.proved_intervals(check_goal.opened(members, header), header)
     header |= widened(proved)

@@ -184,6 +184,89 @@ def constants(N, cuts):
     return C, sqrt(outside / (1 - 1 / n)), sqrt(m)
 
 
+def with_moments(N, cuts, C):
+    """An upper bound of C'' on the reference cell, from C."""
+    whole = np.vstack([np.zeros(N), REFERENCE[N].T])
+    cells = [whole]
+    for _ in range(cuts):
+        cells = [small for cell in cells for small in cut(cell)]
+    stresses = [Stresses(cell) for cell in cells]
+    rows, tractions, moments = affine_tractions(whole, stresses)
+    divergence = block_diag(
+        *[s.divergence.reshape(-1, s.divergence.shape[-1]) for s in stresses]
+    )
+    volume = np.concatenate(
+        [np.full(N * (N + 1), s.volume / (N + 1)) for s in stresses]
+    )
+    divergence *= np.sqrt(volume)[:, None]
+    middles = np.concatenate(
+        [s.points[part].mean(axis=0)[None] for s in stresses for part in s.parts]
+    )
+    rigid = rigid_motions(whole)
+    load = moments(rigid)
+    means = np.stack([motion(middles).ravel() for motion in rigid], axis=1) @ load
+    means *= np.sqrt(volume)[:, None]
+    given = np.linalg.lstsq(rows, tractions, rcond=1e-10)[0]
+    assert np.abs(rows @ given - tractions).max() < 1e-8
+    free = null_space(rows, rcond=1e-10)
+    both = np.vstack([free, 3 * C * divergence @ free])
+    wanted = np.vstack([-given, 3 * C * (means - divergence @ given)])
+    tau = given + free @ np.linalg.lstsq(both, wanted, rcond=1e-12)[0]
+    missed = divergence @ tau - means
+    left = load.T @ load - means.T @ means + missed.T @ missed
+    return np.linalg.norm(tau, 2) + C * sqrt(np.linalg.eigvalsh(left)[-1])
+
+
+def rigid_motions(whole):
+    """An orthonormal basis of the rigid motions on a cell, functions of points (., N)."""
+    N = whole.shape[1]
+    away = whole - whole.mean(axis=0)
+    volume = abs(np.linalg.det(whole[1:] - whole[0])) / factorial(N)
+    second = volume / ((N + 1) * (N + 2)) * away.T @ away
+    turns = rotations(N)
+    gram = np.einsum("aij,jk,bik->ab", turns, second, turns)
+    turns = np.einsum("ab,bij->aij", np.linalg.inv(np.linalg.cholesky(gram)), turns)
+    shifts = [
+        lambda x, e=e: np.broadcast_to(e / sqrt(volume), x.shape) for e in np.eye(N)
+    ]
+    return shifts + [lambda x, w=w: (x - whole.mean(axis=0)) @ w.T for w in turns]
+
+
+def affine_tractions(whole, stresses):
+    """Rows of jumps and tractions; orthonormal affine tractions of the first facet; their work."""
+    N = whole.shape[1]
+    size = stresses[0].divergence.shape[-1]
+    inverse = np.linalg.inv(whole[1:] - whole[0])
+    faces = {}
+    for number, s in enumerate(stresses):
+        for k, face in enumerate(s.facets):
+            keys = [tuple(np.round(p, 9) + 0.0) for p in s.cell[face]]
+            order = sorted(range(N), key=keys.__getitem__)
+            found = faces.setdefault(
+                frozenset(keys),
+                [np.zeros((N, N, len(stresses) * size)), s.cell[face][order]],
+            )
+            found[0][:, :, number * size : (number + 1) * size] += s.traction[k][order]
+    area = np.linalg.norm(normal_of(whole[1:]))
+    mass = (np.ones((N, N)) + np.eye(N)) * area / (N * (N + 1))
+    functions = np.linalg.inv(np.linalg.cholesky(mass))
+    given = np.zeros((len(faces), N, N, N, N))
+    for number, (_, places) in enumerate(faces.values()):
+        shares = (places - whole[0]) @ inverse
+        if np.abs(shares.sum(axis=1) - 1).max() < 1e-9:
+            values = shares @ functions.T
+            given[number] = np.einsum("vj,cd->vcjd", values, np.eye(N))
+    rows = np.concatenate([found[0].reshape(N * N, -1) for found in faces.values()])
+
+    def moments(motions):
+        """Their work on motions, (motions, tractions)."""
+        at = np.stack([motion(whole[1:]) for motion in motions])
+        work = np.einsum("ji,ik,akc->ajc", functions, mass, at)
+        return work.reshape(len(motions), -1)
+
+    return rows, given.reshape(len(rows), -1), moments
+
+
 def lowest(whole, places):
     """The barycentric coordinate of the first vertex."""
     return 1 - ((places - whole[0]) @ np.linalg.inv(whole[1:] - whole[0])).sum(axis=1)
@@ -231,4 +314,5 @@ def without_moments(whole, places):
 
 if __name__ == "__main__":
     for dimension, cuts in ((2, 3), (3, 2)):
-        print(dimension, constants(dimension, cuts))
+        found = constants(dimension, cuts)
+        print(dimension, found, with_moments(dimension, cuts - 1, found[0]))
