@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from campaigns.constants import constants
+from campaigns.constants import constants, normal_of, with_moments
 from campaigns.crossings import finer
 from ngsolve import CF, sin, x, y, z
 
 from ngepc import Material, Problem, semismooth_newton, solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.check_receipt import CONSTANTS
 from ngepc.bounds.oscillation import (
     INSIDE,
     OUTSIDE,
@@ -141,6 +142,19 @@ def test_constants_are_bounds(N, cuts):
     inside, outside, least = constants(N, cuts)
     assert 0.6 * INSIDE[N] < least < inside <= INSIDE[N]
     assert outside <= OUTSIDE[N]
+
+
+@pytest.mark.parametrize(("N", "cuts"), [(2, 2), (3, 1)])
+def test_constants_of_receipts_are_bounds(N, cuts):
+    """For cells with edges J by |J|^2 |J^-1|, Frobenius norms; tractions may have moments."""
+    J = REFERENCE[N]
+    lengths = np.linalg.svd(J, compute_uv=False)
+    factor = lengths[0] / lengths[-1] ** 2
+    inside, outside = CONSTANTS[N]
+    assert INSIDE[N] * factor <= inside
+    any_traction = math.hypot(OUTSIDE[N], with_moments(N, cuts, INSIDE[N]))
+    side = math.sqrt(abs(np.linalg.det(J)) / np.linalg.norm(normal_of(J.T)))
+    assert 0.8 * outside < any_traction * factor * side <= outside
 
 
 LOADS = {
