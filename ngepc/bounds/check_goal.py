@@ -207,7 +207,8 @@ def check_files(paths: list[str]) -> int:
         try:
             text = f"PASS: {check(path)}"
         except Exception as error:  # whatever is wrong with a file, it does not pass
-            text = f"FAIL: {error!r}"
+            known = isinstance(error, ValueError)
+            text = f"FAIL: {error if known else repr(error)}"
             status = 1
         sys.stdout.write(f"{path}: {text}\n")
     return status

@@ -413,7 +413,7 @@ def test_parts_of_parts_do_not_degenerate(N, shapes):
         assert len(np.unique(scaled, axis=0)) <= shapes
 
 
-@pytest.mark.parametrize(("module", "most"), [(check_receipt, 300), (check_goal, 155)])
+@pytest.mark.parametrize(("module", "most"), [(check_receipt, 300), (check_goal, 156)])
 def test_the_checker_is_short(module, most):
     """Lines of code, without comments, docstrings and blank lines."""
     parts = Path(module.__file__).read_text().split('"""')
