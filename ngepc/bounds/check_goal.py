@@ -53,7 +53,7 @@ PART = 0.25  # c of 7
 WIDE = 10000  # products of conditions of what numbers of 7 are divided by
 
 
-def elevated(c: ndarray, k: int) -> ndarray:
+def with_coefficients(c: ndarray, k: int) -> ndarray:
     """k coefficients of fields that are constant, affine, or have k coefficients."""
     if len(c) == 1:
         return c.repeat(k, axis=0)
@@ -145,7 +145,7 @@ def interval(r: Body, factor: float, above: Callable) -> tuple[float, float]:
     near = 10 * r.near * (np.abs(opening) + r.outer * size(q[:, None]) * size(room))
     always = [opening, slack, near, done[1], gained[1], [doubt]]
 
-    fields = (elevated(field, r.k) for field in (r.trial, e, trace, r.trace))
+    fields = (with_coefficients(field, r.k) for field in (r.trial, e, trace, r.trace))
     trial, e, trace, own_trace = fields
     law = np.array(
         [factor / (2 * r.mu), 2 * r.mu + r.hardening, r.hardening, r.beta, r.volume]
@@ -162,7 +162,7 @@ def interval(r: Body, factor: float, above: Callable) -> tuple[float, float]:
     return tuple(ends)
 
 
-def opened(file: Mapping[str, ndarray], header: dict) -> Body:
+def opened_goal(file: Mapping[str, ndarray], header: dict) -> Body:
     """The arrays of a receipt with types and shapes of the tables."""
     r = energy.opened(file, header)
     if "goal" in header:
@@ -184,11 +184,11 @@ def proved_intervals(r: Body, header: dict, above: Callable = energy.above) -> d
     return proved
 
 
-def check(path: str) -> str:
+def check_goal(path: str) -> str:
     """What a receipt shows; ValueError and others if it does not."""
     with np.load(path, allow_pickle=False) as file:
         header = json.loads(str(file["header"]))
-        proved = proved_intervals(opened(file, header), header)
+        proved = proved_intervals(opened_goal(file, header), header)
     for name, value in proved.items():
         right = header[name] <= value if "lower" in name else value <= header[name]
         energy.need(right, f"{name}: {header[name]} claimed, {value} proved")
@@ -205,7 +205,7 @@ def check_files(paths: list[str]) -> int:
     status = 0
     for path in paths:
         try:
-            text = f"PASS: {check(path)}"
+            text = f"PASS: {check_goal(path)}"
         except Exception as error:  # whatever is wrong with a file, it does not pass
             known = isinstance(error, ValueError)
             text = f"FAIL: {error if known else repr(error)}"

@@ -98,7 +98,7 @@ def inner(a: ndarray, b: ndarray, N: int) -> ndarray:
     return einsum("kcK,kcK->K", a, b)
 
 
-def gradient(c: ndarray, slopes: ndarray) -> ndarray:
+def slopes_of(c: ndarray, slopes: ndarray) -> ndarray:
     """Coefficients (k, ..., N, K) of the gradients of fields (k, ..., K)."""
     vertices = len(slopes)
     table = BETWEEN if len(c) > vertices else np.arange(vertices)[None]
@@ -194,12 +194,12 @@ def opened(file: Mapping[str, ndarray], header: dict) -> Body:
         r.voigt[i, j] = r.voigt[j, i] = r.n + c
     r.initial = split(r, r.initial[None])[1][0]
     r.back = split(r, r.back[None])[1][0]
-    measure(r)
+    measured(r)
     join(r)
     return r
 
 
-def measure(r: Body) -> None:
+def measured(r: Body) -> None:
     """Volumes, slopes of barycentric coordinates, and areas with outward normals."""
     N = r.N
     need((r.cells[0] >= 0).all() and (r.cells < r.P).all(), "cells: no such point")
@@ -266,7 +266,7 @@ def strains(r: Body, u: ndarray) -> tuple[ndarray, ...]:
     """Trace and deviator of eps(u), no less than its size, and what rounding misses of it."""
     change = u[:, r.nodes].swapaxes(0, 1)
     change = change - change[:1]
-    du = gradient(change, r.slopes)
+    du = slopes_of(change, r.slopes)
     eps = np.zeros((len(du), r.c, r.K))
     for i, j in np.ndindex(r.N, r.N):
         eps[:, r.voigt[i, j]] += du[:, i, j] / (1 if i == j else 2)
@@ -306,7 +306,7 @@ def balance(r: Body, S: ndarray, force: ndarray, traction: ndarray, P: ndarray) 
     """Residuals of a stress, with what rounding adds, and the reactions t."""
     N = r.N
     full = S[:, r.voigt]
-    rest = einsum("kabbK->kaK", gradient(full, r.slopes)) + force
+    rest = einsum("kabbK->kaK", slopes_of(full, r.slopes)) + force
     large = 2 * size(S)
     inside = size(rest) + r.wrong * (3 * large * r.steep + size(force[None]))
     edges = np.arange(N + 1, len(S)).reshape(-1, N + 1)

@@ -123,7 +123,9 @@ def write_receipt(
     width = 0.0 if goal is None else goal.width
     fine = FINE * bound.total, FINE_GOAL[problem.N, problem.order] * width
     members = in_file_order(arrays, header, fine)
-    proved = check_goal.proved_intervals(check_goal.opened(members, header), header)
+    proved = check_goal.proved_intervals(
+        check_goal.opened_goal(members, header), header
+    )
     header |= widened(proved)
     np.savez(path, header=json.dumps(header), **members)
     name = "" if goal is None else "goal "

@@ -46,7 +46,7 @@ def in_file_order(
         cell = places[0] % len(cells)
         edge = arrays["cells"][cell, N + 1 + places[0] // len(cells)]
         order = np.concatenate([order, edge])
-    last = {name: turned(name, values, N) for name, values in arrays.items()}
+    last = {name: cells_last(name, values, N) for name, values in arrays.items()}
     last |= {"cells": cells.T, "sides": places, "way": way}
     for name in ("u", "z"):
         if name in last:
@@ -102,7 +102,7 @@ def cuts_of(
         found.append(np.zeros(len(value), dtype=bool))
         return np.concatenate([*kept, value])
 
-    r = check_goal.opened(members, header)
+    r = check_goal.opened_goal(members, header)
     check_goal.proved_intervals(r, header, above)
     return np.concatenate(found)
 
@@ -113,7 +113,7 @@ def in_one(arrays: dict[str, np.ndarray], table: str, kind: type) -> np.ndarray:
     return np.concatenate([np.ravel(arrays[name]) for name in names], dtype=kind)
 
 
-def turned(name: str, values: np.ndarray, N: int) -> np.ndarray:
+def cells_last(name: str, values: np.ndarray, N: int) -> np.ndarray:
     """An array with the cells last; tensors as their entries, those of the diagonal first."""
     if name in {"stress", "tau", "initial", "back"}:
         n = values.shape[-1]
