@@ -115,13 +115,7 @@ def test_histories_have_their_line(data, start):
             "Estimate by another order",
         ),
         (
-            lambda: Problem(
-                block.structured_mesh(2, 2, 1),
-                MATERIAL,
-                "clamped",
-                contact="contact",
-                gap=-0.01,
-            ),
+            lambda: replace(problem_with("prisms"), order=2),
             "Estimate by elements of order one",
         ),
     ],
