@@ -53,11 +53,13 @@ class ContactConditions:
     """The processes that share the body; each has the rows at its vertices."""
     own: slice | np.ndarray  # selects the forces of rows that belong to this process
     matrix: csr_matrix  # R, shape (n, nodes N), n = m without friction and m N with it
+    absent: bool  # whether the problem has neither contact nor rollers, on no process
 
     def __init__(self, problem: Problem, supports: Supports) -> None:
         pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
         rollers = roller_rows(problem, supports)
         obstacles, self._row_gaps = rows_and_gaps(problem, supports)
+        self.absent = not (problem.touching_names or rollers)
         parts = [obstacles, *pairs, *rollers.values()]
         rows = joined(parts)
         ends = np.cumsum(list(map(len, parts))).tolist()

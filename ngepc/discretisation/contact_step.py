@@ -59,6 +59,8 @@ def with_contact(
     """
     conditions = here.body.contact
     change = solve(-here.free_residual)
+    if conditions.absent:
+        return change, here.contact
 
     def product(more: np.ndarray) -> np.ndarray:
         """The displacement of the rows by additional forces, which also change the step."""
@@ -223,6 +225,8 @@ def contact_work(
     times the slip.  Gaps and slips below rounding count as zero.
     """
     conditions = here.body.contact
+    if conditions.absent:
+        return (lambda t: 0.0), np.zeros_like(change)
     slip = here.slip
     touching = here.touching_distance
     way = conditions.tangential(conditions.displacement(change))

@@ -203,6 +203,8 @@ def rows_and_gaps(
     problem: Problem, supports: Supports
 ) -> tuple[ContactRows, RowGaps | None]:
     """The rows, and ``RowGaps`` for other gaps; None without a contact boundary."""
+    if not problem.contact_names:
+        return _no_rows(problem), None
     own, means = facet_records(problem)
     records, means = shared_records(own, means, problem.nodal_processes)
     weights = records["weight"]
