@@ -151,16 +151,18 @@ def test_processes_find_what_one_finds(runs, body, count):
     for name in ("status", "steps", "facets", "nodes"):
         assert several[name] == one[name]
     rows = 153 if "quadratic" in body else 45
-    said = f"Friction on {rows} rows: whether there are other equilibria was not examined. "
+    said = (
+        f"Friction on {rows} rows: whether there are other equilibria was not examined."
+    )
     searched = (
         "Friction: a search from 21 starts found no other equilibrium, "
-        "which is no proof that there is none. "
+        "which is no proof that there is none."
     )
     with_friction = "Coulomb" in body
     alone = searched if body == "Coulomb" else said  # one process examines few rows
-    assert one["message"].startswith(alone) == with_friction
-    rest = one["message"].removeprefix(alone)
-    assert several["message"] == (said if with_friction else "") + rest
+    assert (alone in one["message"]) == with_friction
+    assert (said in several["message"]) == with_friction
+    assert several["message"].replace(said, alone) == one["message"]
     assert one["status"] == "converged"
     assert one["steps"] >= 4
     assert several["energies"][-1] == pytest.approx(one["energies"][-1], rel=1e-12)
