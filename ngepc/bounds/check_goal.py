@@ -116,6 +116,7 @@ def check_adjoint(r: Body, factor: float) -> None:
     """The conditions of 6."""
     need = energy.need
     need(factor > 0, "factor: not positive")
+    energy.need_numbers("factor", np.array([factor]))
     small = np.abs(r.goal_pressure) <= (1 - energy.EPS) * factor * r.pressure
     need(small.all(), "goal_pressure: larger than the factor times the pressure")
     most = factor * (1 - energy.EPS) * r.room
@@ -167,8 +168,7 @@ def opened_goal(file: Mapping[str, ndarray], header: dict) -> Body:
     r = energy.opened(file, header)
     if "goal" in header:
         numbers = file["goal"]
-        right = numbers.dtype == float and np.isfinite(numbers).all()
-        energy.need(right, "goal: not finite")
+        energy.need_numbers("goal", numbers)
         vars(r).update(energy.unpacked(numbers, NUMBERS, vars(r)))
     return r
 
@@ -195,9 +195,9 @@ def check_goal(path: str) -> str:
     text = f"least energy in ({header['lower']}, {header['upper']})"
     if "goal" not in header:
         return text
-    return (
-        f"{text}, {header['goal']} in ({header['goal lower']}, {header['goal upper']})"
-    )
+    name = header["goal"]
+    energy.need(type(name) is str and name.isprintable(), "goal: no name")
+    return f"{text}, {name} in ({header['goal lower']}, {header['goal upper']})"
 
 
 def check_files(paths: list[str]) -> int:

@@ -38,6 +38,7 @@ import numpy as np
 from numpy import einsum, ndarray
 
 EPS = 64 * 2.0**-52
+SMALLEST = 1e-30  # number besides zero
 FORMAT = "ngepc receipt 3"
 NUMBERS = (  # the last letter is the fastest: K cells, P points, B sides of the boundary
     "points NP, u NU, stress kcK, lame_lambda K, mu K, hardening K, beta K, initial cK, back cK, "
@@ -130,6 +131,7 @@ def above(r: Body, density: Callable, x: ndarray, law: ndarray) -> ndarray:
     found = []
     while x.shape[2]:
         on = r.cut[: x.shape[2]]
+        need(on.shape == (x.shape[2],), "cut: too short")
         r.cut = r.cut[x.shape[2] :]
         found.append(law[-1, ~on] * density(r.N, x[..., ~on], law[:, ~on]))
         x, law = parted(r.N, x[..., on], law[:, on])
@@ -162,6 +164,14 @@ def flow(N: int, s: ndarray, law: ndarray, p: bool = True) -> ndarray:
     return np.minimum(square - 2 * beta * norm + beta**2, inner(x, x, N)) / 2
 
 
+def need_numbers(name: str, values: ndarray) -> None:
+    """Numbers of 64 bits, zero or of sizes whose products neither overflow nor underflow."""
+    need(values.dtype == float and np.isfinite(values).all(), f"{name}: not finite")
+    sizes = np.abs(values[values != 0])
+    usual = ((sizes > SMALLEST) & (sizes < 1 / SMALLEST)).all()
+    need(usual, f"{name}: too large or too small")
+
+
 def sizes_of(header: dict) -> dict[str, int]:
     """What the letters of the tables say."""
     need(header["format"] == FORMAT, f"format: {FORMAT!r} is needed")
@@ -181,14 +191,15 @@ def opened(file: Mapping[str, ndarray], header: dict) -> Body:
     sizes = sizes_of(header)
     numbers, indices, cut = file["numbers"], file["indices"], file["cut"]
     need(cut.dtype == bool, "cut: of a wrong type")
-    need(numbers.dtype == float and np.isfinite(numbers).all(), "numbers: not finite")
+    need_numbers("numbers", numbers)
     need(indices.dtype == int and (indices >= -1).all(), "indices: of a wrong type")
     arrays = unpacked(numbers, NUMBERS, sizes) | unpacked(indices, INDICES, sizes)
     r = Body(**arrays, **sizes, cut=cut)
     r.held, r.contact = r.held != 0, r.contact != 0
     r.bulk = r.lame_lambda + 2 * r.mu / r.n
-    for name in ("mu", "beta", "hardening", "bulk"):
+    for name in ("mu", "beta", "hardening"):
         need((getattr(r, name) > 0).all(), f"{name}: not positive")
+    need((r.bulk > 1e-3 * r.mu).all(), "bulk: too small, or not positive")
     r.voigt = np.diag(np.arange(r.N))
     for c, (i, j) in enumerate(combinations(range(r.N), 2)):
         r.voigt[i, j] = r.voigt[j, i] = r.n + c
@@ -349,6 +360,7 @@ def defect(r: Body, rest: Body, carried: ndarray) -> float:
     last = beyond == place
     free = r.out[~r.held.all(axis=0)]
     need(not np.isin(side[last], free).any(), "way: it ends where the body is free")
+    need(len(going) == r.K or not last.any(), "way: the body is in two pieces")
     gets = np.bincount(beyond[~last] % r.K, carried[going[~last]], r.K)
     least = np.maximum((rest.force + gets) * (1 + EPS), 0.0)
     need((carried >= least).all(), "carried: too little")
@@ -380,7 +392,8 @@ def lower_energy(r: Body, rest: Body, above: Callable) -> float:
     r.large = 3 * size(r.stress) + 2 * r.mu * size(r.initial[None]) + size(r.back[None])
     r.soft = 1 / r.bulk + 1 / r.mu + 1 / r.hardening
     density += 10 * r.wrong * r.large**2 * r.soft
-    doubt = rest.unsure * size(r.prescribed) + 10 * r.near * np.abs(pressed)
+    large = r.outer * size(r.pressure[:, None]) * size(r.gap[:, None])
+    doubt = rest.unsure * size(r.prescribed) + 10 * r.near * large
     return -summed(r.volume * density, flows, pressed - moved + doubt)
 
 

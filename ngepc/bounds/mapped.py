@@ -147,7 +147,7 @@ class MappedElements:
         """
         lattice, to_coefficients = bernstein_lattice(self.N, self.bend)
         J, _ = self.adjugates(lattice, np.arange(len(self.corners)))
-        coefficients = np.abs(J) @ to_coefficients.T
+        coefficients = (J * np.sign(J[:, :1])) @ to_coefficients.T
         least = coefficients.min(axis=1)
         most = coefficients.max(axis=1)
         if (least < FLAT * most).any():

@@ -46,7 +46,10 @@ def in_file_order(
         cell = places[0] % len(cells)
         edge = arrays["cells"][cell, N + 1 + places[0] // len(cells)]
         order = np.concatenate([order, edge])
-    last = {name: cells_last(name, values, N) for name, values in arrays.items()}
+    last = {
+        name: without_tiny(cells_last(name, values, N))
+        for name, values in arrays.items()
+    }
     last |= {"cells": cells.T, "sides": places, "way": way}
     for name in ("u", "z"):
         if name in last:
@@ -105,6 +108,11 @@ def cuts_of(
     r = check_goal.opened_goal(members, header)
     check_goal.proved_intervals(r, header, above)
     return np.concatenate(found)
+
+
+def without_tiny(values: np.ndarray) -> np.ndarray:
+    """Values with zeros for those that the checker refuses because of underflow."""
+    return np.where(np.abs(values) <= check_receipt.SMALLEST, 0, values)
 
 
 def in_one(arrays: dict[str, np.ndarray], table: str, kind: type) -> np.ndarray:
@@ -174,7 +182,7 @@ def carried(
     other = np.empty(places.max() + 1, dtype=int)
     other[places[0]] = places[1]
     other[places[1]] = places[0]
-    total = force.copy()
+    total = np.maximum(force, 2 * check_receipt.SMALLEST)
     for level in levels[::-1]:
         total[level] *= 1 + SPARE
         going = level[way[level] >= 0]

@@ -26,6 +26,7 @@ from ngepc import (
 from ngepc.__main__ import main
 from ngepc.bounds import check_goal, check_receipt
 from ngepc.bounds.bound import bound_data_of, bound_of
+from ngepc.bounds.receipt_file import ways
 from ngepc.geometries import block
 from ngepc.studies.examples import example
 
@@ -343,6 +344,77 @@ def changed_types(file, header):
     yield "order", file, header | {"order": 3}
 
 
+def small_receipt(path):
+    """Arrays and header of the receipt of a force on a few cells."""
+    mesh = block.mesh(0.5, (1.0, 0.7))
+    problem = Problem(mesh, MATERIAL, order=1, **PRESSED)
+    write_receipt(goal_bound(semismooth_newton(problem), "contact_force"), path)
+    return opened(path)
+
+
+def test_no_part_of_an_integral_can_be_left_out(tmp_path):
+    """``cut`` has an entry for each cell, and each part: without them nothing is proved."""
+    arrays, header = small_receipt(tmp_path / "receipt.npz")
+    K = header["sizes"]["K"]
+    assert passes(arrays, header)
+    for count in (0, K, 2 * K):
+        short = members(arrays, header) | {"cut": arrays["cut"][:count]}
+        r = check_goal.opened_goal(short, header)
+        with pytest.raises(ValueError, match="^cut: too short"):
+            check_goal.proved_intervals(r, header)
+
+
+def beside(arrays, header):
+    """A second body beside that of a receipt: no support, and a small body force."""
+    sizes = header["sizes"]
+    K = sizes["K"]
+    two = {}
+    for name, values in arrays.items():
+        same = name in {"lame_lambda", "mu", "hardening", "beta"}
+        two[name] = np.concatenate([values, values * same], axis=-1)
+    points = arrays["points"]
+    sides = arrays["sides"]
+    two["points"] = np.concatenate([points, points + 3], axis=1)
+    two["cells"] = np.concatenate([arrays["cells"], arrays["cells"] + sizes["P"]], 1)
+    apart = sides + sides // K * K
+    two["sides"] = np.concatenate([apart, apart + K], axis=1)
+    two["cut"] = np.zeros(4 * K, dtype=bool)
+    two["body_force"][1, K:] = 1e-17
+    way, levels = ways(arrays["cells"].T, sides, np.zeros(sizes["B"], dtype=bool))
+    two["way"][K:] = way
+    for power, level in enumerate(levels[::-1]):
+        two["carried"][K + level] = 1e-12 * 8.0**power
+    doubled = {name: 2 * size for name, size in sizes.items()}
+    return two, header | {"sizes": doubled}
+
+
+def test_supports_of_one_body_do_not_hold_another(tmp_path):
+    """The second one flies away: the least energy is minus infinity."""
+    path = tmp_path / "receipt.npz"
+    problem = Problem(block.mesh(0.5, (1.0, 0.7)), MATERIAL, order=1, **PRESSED)
+    write_receipt(semismooth_newton(problem), path)
+    arrays, header = beside(*opened(path))
+    r = check_goal.opened_goal(members(arrays, header), header)
+    with pytest.raises(ValueError, match="^way: the body is in two pieces"):
+        check_goal.proved_intervals(r, header)
+
+
+def test_numbers_whose_products_vanish_do_not_pass(tmp_path):
+    """Rounding errors are known without underflow, and for sums that do not cancel."""
+    arrays, header = small_receipt(tmp_path / "receipt.npz")
+    lame = np.nextafter(-2 * arrays["mu"] / 3, np.inf)
+    for changed, message in (
+        ({"stress": 1e-160 * arrays["stress"]}, "numbers: too large or too small"),
+        ({"tau": 1e-160 * arrays["tau"]}, "goal: too large or too small"),
+        ({"lame_lambda": lame}, "bulk: too small"),
+    ):
+        file = members(arrays | changed, header)
+        with pytest.raises(ValueError, match=f"^{message}"):
+            check_goal.opened_goal(file, header)
+    assert not passes(arrays, header | {"factor": float("inf")})
+    assert not passes(arrays, header | {"goal": "u\nPASS: another"})
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_other_types_and_shapes_do_not_pass(order, tmp_path):
     """Each array has its place in the file, so that its shape is what the sizes say."""
@@ -413,7 +485,7 @@ def test_parts_of_parts_do_not_degenerate(N, shapes):
         assert len(np.unique(scaled, axis=0)) <= shapes
 
 
-@pytest.mark.parametrize(("module", "most"), [(check_receipt, 300), (check_goal, 156)])
+@pytest.mark.parametrize(("module", "most"), [(check_receipt, 310), (check_goal, 154)])
 def test_the_checker_is_short(module, most):
     """Lines of code, without comments, docstrings and blank lines."""
     parts = Path(module.__file__).read_text().split('"""')
