@@ -360,7 +360,7 @@ def test_no_part_of_an_integral_can_be_left_out(tmp_path):
     for count in (0, K, 2 * K):
         short = members(arrays, header) | {"cut": arrays["cut"][:count]}
         r = check_goal.opened_goal(short, header)
-        with pytest.raises(ValueError, match="^cut: too short"):
+        with pytest.raises(ValueError, match=r"^cut: too short"):
             check_goal.proved_intervals(r, header)
 
 
@@ -395,7 +395,7 @@ def test_supports_of_one_body_do_not_hold_another(tmp_path):
     write_receipt(semismooth_newton(problem), path)
     arrays, header = beside(*opened(path))
     r = check_goal.opened_goal(members(arrays, header), header)
-    with pytest.raises(ValueError, match="^way: the body is in two pieces"):
+    with pytest.raises(ValueError, match=r"^way: the body is in two pieces"):
         check_goal.proved_intervals(r, header)
 
 
