@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 import numpy as np
-from ngsolve import BND, H1, VOL, ElementId, Mesh
+from ngsolve import BND, H1, VOL, CoefficientFunction, ElementId, Mesh
 
 from ngepc.discretisation.loads import shapes_at
 from ngepc.discretisation.polynomials import HIGHEST, is_polynomial
@@ -32,6 +32,8 @@ OF_OBSTACLES = 2
 """The highest degree of obstacles whose lowest point between nodes is known."""
 LOADS = ("body_force", "traction", "pressure")
 """Data that a solver samples on the lattice."""
+OF_HISTORY = ("initial_plastic_strain", "initial_hardening", "initial_accumulated")
+"""Data that have a meaning at the integration points only."""
 
 
 def sampled_data(problem: Problem) -> list[str]:
@@ -42,6 +44,21 @@ def sampled_data(problem: Problem) -> list[str]:
         for name, value in _given(problem).items()
         if not _exact(value, mesh, OF_OBSTACLES if name == "gap" else HIGHEST)
     ]
+
+
+def sampled_inside(problem: Problem) -> list[tuple[str, CoefficientFunction]]:
+    """Names and coefficients of the data that are sampled at the integration points of the body.
+
+    Those of the history are left out, because they mean nothing elsewhere.
+    """
+    left_out = (*LOADS, *ON_BOUNDARY, *OF_HISTORY)
+    found = []
+    for name, value in _given(problem).items():
+        several = value if isinstance(value, list | tuple) else [value]
+        if name not in left_out:
+            sampled = [v for v in several if not is_polynomial(v, problem.mesh)]
+            found += [(name, one) for one in sampled]
+    return found
 
 
 def what_is_unseen(problem: Problem, scanned: Collection[str] | None = LOADS) -> str:

@@ -138,6 +138,24 @@ def rule_at(shares: np.ndarray) -> IntegrationRule:
     return IntegrationRule(places, [0.0] * len(places))
 
 
+def values_in(
+    mesh: Mesh,
+    numbers: np.ndarray,
+    shares: np.ndarray,
+    value: CoefficientFunction,
+    kind: object = VOL,
+) -> np.ndarray:
+    """Values at the same points of several elements, shape (elements, points, components).
+
+    ``shares`` (points, dim + 1) are those of the points.
+    """
+    somewhere = mesh.MapToAllElements(rule_at(shares[:1]), kind)
+    points = np.repeat(somewhere[numbers], len(shares))
+    for axis, places in zip("xyz", shares[:, :-1].T, strict=False):
+        points[axis] = np.tile(places, len(numbers))
+    return np.asarray(value(points)).reshape(len(numbers), len(shares), -1)
+
+
 def cut(corners: np.ndarray, count: int = 2) -> np.ndarray:
     """The count^dim parts of each of some simplices, corners (parts, dim + 1, dim + 1)."""
     dim = corners.shape[2] - 1
@@ -395,11 +413,7 @@ class Scan:
     def _on_lattice(self, numbers: np.ndarray, piece: Piece) -> np.ndarray:
         """Values on the lattice in a piece, shape (elements, points, components)."""
         shares = lattice(self.dim, self.count)[1] @ piece.corners
-        somewhere = self.mesh.MapToAllElements(rule_at(shares[:1]), self.kind)
-        points = np.repeat(somewhere[numbers], len(shares))
-        for axis, places in zip("xyz", shares[:, :-1].T, strict=False):
-            points[axis] = np.tile(places, len(numbers))
-        return np.asarray(self.value(points)).reshape(len(numbers), len(shares), -1)
+        return values_in(self.mesh, numbers, shares, self.value, self.kind)
 
     def lattice_in(self, number: int) -> np.ndarray:
         """The shares of the lattice points in an element, (points, dim + 1)."""
