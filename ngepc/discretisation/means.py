@@ -18,7 +18,7 @@ from ngepc.discretisation.sampling import (
     degree_two,
     parts_of_simplex,
     pieces_of,
-    values_in,
+    values_at_shares,
     with_last_share,
 )
 from ngepc.model.elements import elements_by_shape, plastic_points
@@ -76,7 +76,7 @@ def _differences(
         for first in range(0, len(numbers), together):
             some = numbers[first : first + together]
             means = _usual_means(problem, shape, some, value)
-            values = values_in(mesh, some, finer, value)
+            values = values_at_shares(mesh, some, finer, value)
             differences[some] = np.abs(values.mean(axis=1) - means).max(axis=1)
             sizes[some] = np.abs(values).max(axis=(1, 2))
     return differences, sizes
@@ -91,10 +91,10 @@ def _closely(
     shape = mesh[ElementId(VOL, number)].type
     shares = _points_of_parts(shape, FINEST[mesh.dim])
     mean = _usual_means(problem, shape, element, value)[0]
-    values = values_in(mesh, element, shares, value)[0]
+    values = values_at_shares(mesh, element, shares, value)[0]
     away = np.abs(values - mean).max(axis=1)
     most = away > 0.99 * away.max()
-    places = values_in(mesh, element, shares[most], CF((x, y, z)[: mesh.dim]))[0]
+    places = values_at_shares(mesh, element, shares[most], CF((x, y, z)[: mesh.dim]))[0]
     difference = np.abs(values.mean(axis=0) - mean).max()
     return float(difference), places.mean(axis=0).tolist()
 
@@ -106,7 +106,7 @@ def _usual_means(
     rule = plastic_points(problem.mesh, problem.order)[shape]
     shares = with_last_share(np.array(rule.points)[:, : problem.mesh.dim])
     weights = np.array(rule.weights) / np.sum(rule.weights)
-    values = values_in(problem.mesh, numbers, shares, value)
+    values = values_at_shares(problem.mesh, numbers, shares, value)
     return np.einsum("q,eqc->ec", weights, values)
 
 

@@ -138,7 +138,7 @@ def rule_at(shares: np.ndarray) -> IntegrationRule:
     return IntegrationRule(places, [0.0] * len(places))
 
 
-def values_in(
+def values_at_shares(
     mesh: Mesh,
     numbers: np.ndarray,
     shares: np.ndarray,
@@ -413,7 +413,7 @@ class Scan:
     def _on_lattice(self, numbers: np.ndarray, piece: Piece) -> np.ndarray:
         """Values on the lattice in a piece, shape (elements, points, components)."""
         shares = lattice(self.dim, self.count)[1] @ piece.corners
-        return values_in(self.mesh, numbers, shares, self.value, self.kind)
+        return values_at_shares(self.mesh, numbers, shares, self.value, self.kind)
 
     def lattice_in(self, number: int) -> np.ndarray:
         """The shares of the lattice points in an element, (points, dim + 1)."""
