@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from ngsolve import ET, VOL, CoefficientFunction, ElementId, IfPos, exp, sin, sqrt, x, y
+from teams import run
 
 from ngepc import Material, Problem, Voce, semismooth_newton
 from ngepc.discretisation.means import differing_means
@@ -10,6 +11,7 @@ from ngepc.discretisation.sampled import sampled_inside
 from ngepc.discretisation.sampling import Scan
 from ngepc.geometries import block
 from ngepc.model.elements import plastic_points
+from ngepc.model.parts import distribute
 
 CELLS = 4
 CELL = 1 / CELLS
@@ -109,3 +111,15 @@ def test_it_is_looked_at_when_the_message_is_read(monkeypatch):
     assert result.message == result.message
     assert "yield_stress varies inside elements" in result.message
     assert len(seen) == 1
+
+
+def test_two_processes_say_the_same():
+    """The largest value is at a corner, in the part of one of them."""
+    problem = pressed(yield_stress=strip(0.43) + IfPos(x + y - 1.9, 1.0, 0.0))
+
+    def said(comm: object) -> str:
+        mesh = distribute(problem.mesh if comm.rank == 0 else None, comm)
+        return differing_means(Problem(mesh, problem.material))
+
+    whole = differing_means(Problem(problem.mesh, problem.material))
+    assert run(2, said) == [whole, whole]
