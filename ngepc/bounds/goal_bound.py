@@ -36,6 +36,7 @@ from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_terms import GoalTerms, terms_of
 from ngepc.bounds.integrand import BoundPart, Integrand, VaryingIntegrand
+from ngepc.bounds.resultant import largest_resultant
 from ngepc.bounds.sub_elements import SubElements
 from ngepc.bounds.transfer import on_matching
 from ngepc.checks.kinds import require_instance
@@ -78,6 +79,7 @@ LEAST = 1e-13
 EPS = 1e-15
 """Rounding errors of the conditions on contact, relative to their terms."""
 RESULTANT = 2.0
+"""The resultant of the solution's pressure over that of P^ where no bound of it is known."""
 FIRST = 1.1
 """The first lambda over (E_z/E)^(1/2) (E/B)^(1/3), with the energies of adjoint and result.
 
@@ -454,7 +456,7 @@ class GoalProblem:
         """By how much rounding errors widen the interval at each end.
 
         Conditions that are violated by v change the proof by at most v times the resultant of the
-        pressure of the solution, taken to be at most ``RESULTANT`` times that of P^.
+        pressure of the solution, see ``largest_resultant``.
         """
         state = self.bound.state
         factor = chosen.factor
@@ -468,7 +470,9 @@ class GoalProblem:
         P = self.bound.pressure[:, :, None]
         force = self.bound_data.contact.moments(P)[:, : P.shape[1]].sum()
         suprema = SUPREMA * factor * self.bound.strain_energy
-        return float(ROUNDING * works + suprema + RESULTANT * force * missed)
+        largest = largest_resultant(self.bound_data, self.bound)
+        force = max(RESULTANT * force, largest if math.isfinite(largest) else 0.0)
+        return float(ROUNDING * works + suprema + force * missed)
 
 
 @dataclass(frozen=True, eq=False)

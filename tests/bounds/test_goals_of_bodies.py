@@ -24,6 +24,7 @@ from ngepc import (
 from ngepc.bounds.bound import bound_data_of
 from ngepc.bounds.goal_bound import GoalProblem
 from ngepc.bounds.held import RigidWorks, limited_pressure
+from ngepc.bounds.resultant import largest_resultant
 from ngepc.geometries import block
 
 MODULUS = 8e3 / 3
@@ -108,6 +109,27 @@ def test_a_column_on_a_rigid_floor(order):
         assert found.width < 1e-5 * value
 
 
+@pytest.mark.parametrize("made", ["free", "clamped beside contact", "rubbed"])
+def test_the_resultant_of_the_pressure_is_bounded(made):
+    """By equilibrium: sharply where the solution is exact.  Not where supports or friction act."""
+    changes = {
+        "free": {},
+        "clamped beside contact": {"prescribed": {"left": (0, 0)}},
+        "rubbed": {"friction": 0.1, "prescribed": {"contact": (0, PUSHED)}},
+    }
+    given = {"prescribed": LEFT, "contact": "clamped", "gap": 1e-3}
+    mesh = block.mesh(0.5, (1.0, 1.0))
+    load = None if made == "rubbed" else {"contact": (0, -2)}
+    given |= changes[made]
+    problem = Problem(mesh, ELASTIC, None, load, order=1, **given)
+    goal_problem = GoalProblem(semismooth_newton(problem))
+    largest = largest_resultant(goal_problem.bound_data, goal_problem.bound)
+    if made == "free":
+        assert 2 * (1 - 1e-9) < largest < 2.001
+    else:
+        assert largest == np.inf
+
+
 GOALS = {
     pressed: ["contact_force", "work", Reaction("bottom", 1)],
     pushed: ["contact_force", Reaction("top", 1), MeanDisplacement("left", 0)],
@@ -125,6 +147,9 @@ def test_fine_values_lie_inside(order, made, pair):
         found = goal_problem.bound_of(goal)
         value = value_of(fine, goal)
         assert found.guaranteed
+        if goal == "contact_force":
+            largest = largest_resultant(goal_problem.bound_data, goal_problem.bound)
+            assert value < largest < 10 * value
         assert found.lower - 1e-8 * abs(value) < value < found.upper + 1e-8 * abs(value)
         assert found.percent < {1: 40, 2: 12}[order]
 
