@@ -31,6 +31,7 @@ MACHINE = re.compile(
 LONG = {
     "accuracy": "five meshes by each of two programs",
     "cost": "processes of their own, whose times are measured",
+    "cubes": "a reference on adaptive tetrahedra",
     "derivatives": "twenty solves",
     "duality": "a path to gamma = 1e6",
     "figure4": "solves to rounding at each gamma",
