@@ -280,8 +280,8 @@ def test_goals_receipts_and_verdicts(tmp_path):
     assert bracket.lower <= fine.contact_force <= bracket.upper
 
     lower, upper = write_receipt(result, tmp_path / "receipt.npz")
-    checked = check_receipt.check(tmp_path / "receipt.npz")
-    assert (checked["lower"], checked["upper"]) == (lower, upper)
+    shown = check_receipt.check(tmp_path / "receipt.npz")
+    assert f"({lower}, {upper})" in shown
     assert lower < fine.primal_energy < upper
     write_receipt(mean, tmp_path / "goal.npz")
 

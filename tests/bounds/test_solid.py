@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from bodies import prisms
 from campaigns.crossings import finer
 from campaigns.intervals import value_of
 from ngsolve import BND, CF, x, y, z
@@ -315,7 +316,7 @@ def test_meshes_follow_the_bound():
 @pytest.mark.parametrize(
     ("word", "make"),
     [
-        ("tetrahedra", lambda: Problem(block.structured_mesh(1, 1, 1), MATERIAL)),
+        ("prisms", lambda: Problem(prisms(1), MATERIAL)),
         (
             "lame_mu",
             lambda: Problem(block.mesh(0.5), replace(MATERIAL, lame_mu=1e3 + x)),
