@@ -7,6 +7,7 @@ from netgen.occ import Compound, MoveTo, OCCGeometry, Rectangle, X, Y
 from ngsolve import Mesh
 
 from ngepc import Contact, Material, Problem
+from ngepc.geometries import block
 
 ELASTIC = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1e2
@@ -58,4 +59,18 @@ def pushed(order=1, pair=PAIR, material=YIELDING):
     mesh = blocks((0.35, 0.4), gap=5e-4)
     return Problem(
         mesh, material, "bottom", prescribed=moved, contact=pair, order=order
+    )
+
+
+def on_a_floor(order):
+    """A column pressed onto a rigid floor after a gap has closed; contact alone holds it."""
+    return Problem(
+        block.mesh(0.3, (1.0, 1.0)),
+        ELASTIC,
+        None,
+        {"contact": (0, -2)},
+        prescribed=LEFT,
+        contact="clamped",
+        gap=1e-3,
+        order=order,
     )

@@ -7,7 +7,17 @@ import pytest
 from campaigns.intervals import fine_problem, value_of
 from netgen.occ import Compound, MoveTo, OCCGeometry, Rectangle
 from ngsolve import Mesh
-from stacked import ELASTIC, LEFT, PAIR, TURNED, blocks, named, pressed, pushed
+from stacked import (
+    ELASTIC,
+    LEFT,
+    PAIR,
+    TURNED,
+    blocks,
+    named,
+    on_a_floor,
+    pressed,
+    pushed,
+)
 
 from ngepc import (
     ContactForceOn,
@@ -92,17 +102,7 @@ def test_intervals_of_an_exact_solution_contain_it(order, pair, name):
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_column_on_a_rigid_floor(order):
-    problem = Problem(
-        block.mesh(0.3, (1.0, 1.0)),
-        ELASTIC,
-        None,
-        {"contact": (0, -2)},
-        prescribed=LEFT,
-        contact="clamped",
-        gap=1e-3,
-        order=order,
-    )
-    result = semismooth_newton(problem)
+    result = semismooth_newton(on_a_floor(order))
     for goal, value in (("contact_force", 2.0), ("work", 2e-3 + 4 / MODULUS)):
         found = goal_bound(result, goal)
         assert found.lower < value < found.upper

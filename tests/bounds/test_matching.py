@@ -18,6 +18,7 @@ from stacked import (
     YIELDING,
     blocks,
     named,
+    on_a_floor,
     pressed,
     pushed,
 )
@@ -35,7 +36,6 @@ from ngepc import (
 from ngepc.bounds.bound import bound_data_of, bound_of
 from ngepc.bounds.matching import Interface, matched
 from ngepc.bounds.simplices import Simplices
-from ngepc.geometries import block
 
 
 def grids(shift, bodies=("lower", "upper")):
@@ -268,17 +268,7 @@ def test_a_square_that_may_slide(order):
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_column_on_a_rigid_floor(order):
     """Contact alone holds it; the exact stress is constant."""
-    problem = Problem(
-        block.mesh(0.3, (1.0, 1.0)),
-        ELASTIC,
-        None,
-        {"contact": (0, -2)},
-        prescribed=LEFT,
-        contact="clamped",
-        gap=1e-3,
-        order=order,
-    )
-    bound = error_bound(semismooth_newton(problem))
+    bound = error_bound(semismooth_newton(on_a_floor(order)))
     assert abs(bound.total) < 1e-11 * bound.strain_energy
     assert bound.pressure == pytest.approx(np.full(bound.pressure.shape, 2.0), rel=1e-9)
 
