@@ -188,8 +188,8 @@ class _Laws:
         ``S`` (K, 2 R, 2 R) and ``gaps`` (K, 2 R) are left after the elimination of the rows
         before; numbers of systems (q,), states (q, R), forces (q, 2 R).
         """
-        states = np.array(choices[len(choices) - len(S[0]) // 2])
         row = len(choices) - len(S[0]) // 2
+        states = np.array(choices[row])
         offset, slope = self._own_forces(row, states, S, gaps)
         if row == len(choices) - 1:
             system = np.arange(len(offset))
