@@ -41,19 +41,34 @@ from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import Coefficient
+from ngepc.discretisation.polynomials import HIGHEST
 from ngepc.discretisation.sampling import SIMPLICES, Scan, with_last_share
 from ngepc.model.data import same_fields
 from ngepc.model.elements import (
     cells_of,
     element_facets,
     facet_keys,
+    has_more_corners,
     plastic_order,
     vertex_coordinates,
 )
 from ngepc.model.places import Edge, Place, Point, values_at, vertices_at
 from ngepc.model.problem import Problem, as_scalar
 
-BONUS_ORDER = 3  # order by which the rules of loads exceed that of the displacements
+BONUS_ORDER = 3
+"""The least order that rules of loads have beyond twice that of the displacements."""
+
+
+def bonus_order(problem: Problem) -> int:
+    """The order that rules of loads have beyond twice that of the displacements, k.
+
+    They are exact for loads that are cubic in position.  In each reference coordinate a shape
+    function has degree k, the load at most 3, the determinant of the map N - 1 where elements are
+    no simplices, and the radius of bodies of revolution 1; rules have the order 2 k + bonus.
+    """
+    bent = problem.N - 1 if has_more_corners(problem.mesh) else 0
+    needed = HIGHEST + bent + bool(problem.kinematics.hoop) - problem.order
+    return max(BONUS_ORDER, needed)
 
 
 def displacement_space(problem: Problem) -> FESpace:
@@ -158,7 +173,8 @@ def work_of(
             measure = region_measure(problem, place, scans.get(place))
             work.append(weight * InnerProduct(g, v) * measure)
     if problem.f is not None:
-        measure = dx(bonus_intorder=BONUS_ORDER, **_ordinary_elements(scans.get(None)))
+        ordinary = _ordinary_elements(scans.get(None))
+        measure = dx(bonus_intorder=bonus_order(problem), **ordinary)
         work.append(weight * InnerProduct(problem.f, v) * measure)
     return work
 
@@ -246,11 +262,10 @@ def region_measure(
 
     Elements where a scan has found something are left out.
     """
+    bonus = bonus_order(problem)
     if isinstance(place, str):
-        return ds(place, bonus_intorder=BONUS_ORDER, **_ordinary_elements(scan))
-    return dx(
-        definedon=problem.mesh.BBoundaries(place.name), bonus_intorder=BONUS_ORDER
-    )
+        return ds(place, bonus_intorder=bonus, **_ordinary_elements(scan))
+    return dx(definedon=problem.mesh.BBoundaries(place.name), bonus_intorder=bonus)
 
 
 def nodal(vector: np.ndarray, problem: Problem) -> np.ndarray:

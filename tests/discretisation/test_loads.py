@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from bodies import prisms
-from ngsolve import CF, H1, GridFunction, IfPos, x, y
+from bodies import distorted, prisms, tapered
+from ngsolve import CF, H1, GridFunction, IfPos, Mesh, x, y, z
 
 from ngepc import Fields, Material, Point, Problem
 from ngepc.discretisation.loads import applied_forces, displacement_space, nodal
@@ -53,6 +53,55 @@ def test_resultants(load, expected, order):
     problem = Problem(SQUARE, METAL, order=order, **load)
     motions = (CF((1.0, 0.0)), CF((0.0, 1.0)), CF((-y, x)))
     assert works(problem, motions) == pytest.approx(expected, abs=1e-12)
+
+
+TAPER = 0.3
+"""The part by which the top of the tapered cube is narrower."""
+
+
+def moved_prisms():
+    """The unit cube as prisms, the vertices inside moved."""
+    mesh = prisms(3).ngmesh
+    random = np.random.default_rng(2)
+    for point in mesh.Points():
+        if all(0.1 < point[axis] < 0.9 for axis in range(3)):
+            for axis, by in enumerate(random.uniform(-0.12, 0.12, 3)):
+                point[axis] += by
+    for element in (*mesh.Elements3D(), *mesh.Elements2D()):
+        element.curved = True
+    mesh.Update()
+    return Mesh(mesh)
+
+
+def of_taper():
+    """int x^4 + y^4 + x y z^2 over the tapered cube, by a rule in z that is exact."""
+    places, weights = np.polynomial.legendre.leggauss(4)
+    height = (1 + places) / 2
+    width = 1 - TAPER * height
+    return float((weights / 2) @ (2 / 5 * width**6 + width**4 * height**2 / 4))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    ("mesh", "kinematics", "expected"),
+    [
+        (lambda: distorted(3), None, 2 / 5),
+        (lambda: distorted(3), "axisymmetric", 2 * np.pi * (1 / 6 + 1 / 10)),
+        (moved_prisms, None, 2 / 5 + 1 / 12),
+        (lambda: tapered(2, taper=TAPER), None, of_taper()),
+    ],
+    ids=["quadrilaterals", "revolution", "prisms", "hexahedra"],
+)
+def test_cubic_loads_do_exact_work_on_distorted_elements(
+    mesh, kinematics, expected, order
+):
+    """The load (x^3, y^3, x y z) along the motion (x, y, z); the map of elements is not affine."""
+    mesh = mesh()
+    N = mesh.dim
+    load = CF((x**3, y**3, x * y * z)[:N])
+    data = {"kinematics": kinematics, "order": order, "body_force": load}
+    problem = Problem(mesh, METAL, **data)
+    assert works(problem, [CF((x, y, z)[:N])]) == pytest.approx([expected], rel=1e-13)
 
 
 WIDTH = {2: 0.02, 3: 0.06}
