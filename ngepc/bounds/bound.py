@@ -35,6 +35,7 @@ from ngepc.bounds.data import (
 )
 from ngepc.bounds.held import holding_pressure
 from ngepc.bounds.plane import PlaneBoundData
+from ngepc.bounds.sizes import check_sizes
 from ngepc.bounds.solid import SolidBoundData
 from ngepc.bounds.transfer import check_free_of_functions
 from ngepc.bounds.upper_energy import changes
@@ -222,11 +223,14 @@ def error_bound(result: object) -> ErrorBound:
     check_covered(problem)
     if has_more_corners(problem.mesh):
         check_free_of_functions(problem)
-        return bound_on_simplices(with_state(result))
+        result = with_state(result)
+        check_sizes(result.state)
+        return bound_on_simplices(result)
     if not isinstance(result, ExactResult):
         if not problem.contact_pairs:
             data_on(DiscreteProblem(problem))  # refuses boundary data
         result = with_state(result)
+    check_sizes(result.state)
     bound = bound_on_copy(result)
     return bound or bound_of(data_on(result.discrete), result.state)
 
@@ -412,6 +416,7 @@ def bound_and_search(
     bound_data: BoundData, given: State, tangent: Factors
 ) -> tuple[ErrorBound, Any]:
     """The same, and the solver that found the stress, see ``BestStress``."""
+    check_sizes(given)
     state, moved = feasible_state(bound_data, given)
     algebraic = algebraic_part(state, tangent)
     return best_bound(bound_data, (state, moved, algebraic), tangent, None)

@@ -21,6 +21,7 @@ any number of iterations.
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from itertools import islice
 from typing import NamedTuple
@@ -80,7 +81,13 @@ class Faces:
 
     ``free`` (3 nf, 3) are components of delta that no support holds.  ``closed`` (3 nf, 3) has the
     unit normal where the normal component of delta is held, zero elsewhere; None if nowhere.
+
+    Numbers in single precision are divided by powers of two near their size, which changes no
+    digit: otherwise some would overflow or vanish.  ``length`` and ``stress`` are those of the
+    Jacobians and of the inverse compliances.
     """
+
+    stress = 1.0
 
     def __init__(
         self, boundary: Boundary, foundation: Foundation, piola: np.ndarray
@@ -92,7 +99,8 @@ class Faces:
         self.closed = None
         self._piola = piola
         self._inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
-        self._jacobian = c.jacobian.astype(SINGLE)
+        self.length = power_of_two(np.abs(c.jacobian).max())
+        self._jacobian = (c.jacobian / self.length).astype(SINGLE)
 
     def another(self) -> Faces:
         """The same unknowns with matrices of their own."""
@@ -106,26 +114,30 @@ class Faces:
         Returns the moments (nt, 12, 3) of the best stresses for body forces (nt, 6) and delta = 0.
         """
         c = self.cells
+        self.stress = 1 / power_of_two(np.abs(H).max(axis=(1, 2)).min())
+        load = power_of_two(np.abs(loads).max())
         D = np.zeros((len(c.facets), 9, 9), dtype=SINGLE)
         stresses = np.empty((len(H), FREE), dtype=SINGLE)
         for part in portions(len(H), CHUNK):
             A = self._compliances(H, part)
             inverse = np.linalg.inv(A[:, :FREE, :FREE])
-            pulled = np.matmul(A[:, :FREE, FREE:], loads[part, :, None].astype(SINGLE))
+            given = (loads[part, :, None] / load).astype(SINGLE)
+            pulled = np.matmul(A[:, :FREE, FREE:], given)
             stresses[part] = -np.matmul(inverse, pulled)[:, :, 0]
             self._inverse[part] = inverse
             self._add_to_faces(D, inverse, part)
-        D[self.foundation.facets] += self.foundation.blocks.astype(SINGLE)
+        springs = self.foundation.blocks / (self.stress * self.length)
+        D[self.foundation.facets] += springs.astype(SINGLE)
         self._invert_faces(D)
-        return self.moments(stresses) + self._turned(
-            loads @ ELEMENT.moments[:, FREE:].T
-        )
+        forced = self._turned(loads @ ELEMENT.moments[:, FREE:].T)
+        return self.moments(stresses.astype(float) * load) + forced
 
     def _compliances(self, H: np.ndarray, part: slice) -> np.ndarray:
         """The compliance matrices of some elements on the reference cell, (nt, 36, 36)."""
         P = self._piola[part]
         product = np.matmul(np.matmul(P, H[part]), P.transpose(0, 2, 1))
-        product = (product * self.cells.volume[part, None, None]).astype(SINGLE)
+        unit = self.stress / self.length
+        product = (product * self.cells.volume[part, None, None] * unit).astype(SINGLE)
         return (product.reshape(-1, 36) @ GRAM).reshape(-1, 36, 36)
 
     def _add_to_faces(self, D: np.ndarray, inverse: np.ndarray, part: slice) -> None:
@@ -157,9 +169,10 @@ class Faces:
 
     def smooth(self, r: np.ndarray) -> np.ndarray:
         """Solve with the diagonal blocks of the faces; r and the result are (3 nf, 3)."""
-        s = np.matmul(self._face_inverse, r.astype(SINGLE).reshape(-1, 9, 1)).reshape(
-            -1, 3
-        )
+        size = power_of_two(np.abs(r).max(initial=0.0))
+        r = (r / size).astype(SINGLE).reshape(-1, 9, 1)
+        s = np.matmul(self._face_inverse, r).reshape(-1, 3).astype(float)
+        s *= size / (self.stress * self.length)
         return s if self.closed is None else self.kept(s)
 
     def kept(self, r: np.ndarray) -> np.ndarray:
@@ -170,21 +183,35 @@ class Faces:
         return r
 
     def stresses(self, delta: np.ndarray) -> np.ndarray:
-        """A^-1 B' delta of each tetrahedron, in single precision, shape (nt, 30)."""
-        local = np.take(delta.astype(SINGLE), self.cells.slot.reshape(-1, 12), axis=0)
+        """A^-1 B' delta of each tetrahedron, shape (nt, 30)."""
+        x, size = self._pulled(delta)
+        return x.astype(float) * (size * self.stress)
+
+    def _pulled(self, delta: np.ndarray) -> tuple[np.ndarray, float]:
+        """The same in single precision and ``stress``, for delta over the second result."""
+        size = power_of_two(np.abs(delta).max(initial=0.0))
+        delta = (delta / size).astype(SINGLE)
+        local = np.take(delta, self.cells.slot.reshape(-1, 12), axis=0)
         strains = np.matmul(local, self._jacobian).reshape(-1, 36) @ OWN_SINGLE
-        return np.matmul(self._inverse, strains[:, :, None])[:, :, 0]
+        return np.matmul(self._inverse, strains[:, :, None])[:, :, 0], size
 
     def moments(self, x: np.ndarray) -> np.ndarray:
         """Outward moments (nt, 12, 3) of stresses x (nt, 30)."""
-        return self._turned(x.astype(float) @ OWN.T)
+        return self._turned(x @ OWN.T)
 
     def product(self, delta: np.ndarray) -> np.ndarray:
         """S delta, zero where supports hold."""
-        reference = (self.stresses(delta) @ OWN_SINGLE.T).reshape(-1, 12, 3)
+        x, size = self._pulled(delta)
+        reference = (x @ OWN_SINGLE.T).reshape(-1, 12, 3)
         moments = np.matmul(reference, self._jacobian.transpose(0, 2, 1))
         pulled = self.foundation.pulled(delta)
-        return self.kept(self.cells.sums(moments) + pulled)
+        size *= self.stress * self.length
+        return self.kept(self.cells.sums(moments) * size + pulled)
+
+
+def power_of_two(value: float) -> float:
+    """The power of two from value/2 to value; one for zero."""
+    return math.ldexp(0.5, math.frexp(value)[1]) if value else 1.0
 
 
 class SolidSearch(NamedTuple):

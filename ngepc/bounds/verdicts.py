@@ -154,7 +154,9 @@ def confidence(result: object) -> str:
         bound = error_bound(result)
     except (ValueError, RuntimeError) as error:
         return _estimated(result, problem, str(error))
-    size = at_most_percent(bound.relative)
+    if not math.isfinite(bound.total):
+        return _estimated(result, problem, "the error bound is infinite")
+    size = at_most_percent(max(bound.relative, 0.0))
     if bound.guaranteed:
         return f"Guaranteed: the energy error is at most {size}."
     return (
