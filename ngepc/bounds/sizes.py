@@ -6,6 +6,8 @@ below 1e-107 are zero, those of numbers above 1e102 are infinite: a bound would 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ngepc.local.system import State
@@ -42,3 +44,8 @@ def check_sizes(state: State) -> None:
                 f"{name} is {value:.1e}: a bound needs numbers between {LEAST:g} and {MOST:g}, "
                 "as powers of others are zero or infinite in computers (other units may help)"
             )
+
+
+def power_of_two(value: float) -> float:
+    """The largest power of two that is not above a positive number; one for zero."""
+    return math.ldexp(0.5, math.frexp(value)[1]) if value else 1.0

@@ -21,7 +21,6 @@ any number of iterations.
 
 from __future__ import annotations
 
-import math
 from copy import copy
 from itertools import islice
 from typing import NamedTuple
@@ -45,6 +44,7 @@ from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.foundation import Foundation
 from ngepc.bounds.polynomials import RULE, TO_NODES, portions
 from ngepc.bounds.simplices import FACETS
+from ngepc.bounds.sizes import power_of_two
 from ngepc.bounds.transfer import lowered_problem
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.descent import conjugate_gradients
@@ -207,11 +207,6 @@ class Faces:
         pulled = self.foundation.pulled(delta)
         size *= self.stress * self.length
         return self.kept(self.cells.sums(moments) * size + pulled)
-
-
-def power_of_two(value: float) -> float:
-    """The power of two from value/2 to value; one for zero."""
-    return math.ldexp(0.5, math.frexp(value)[1]) if value else 1.0
 
 
 class SolidSearch(NamedTuple):

@@ -6,12 +6,12 @@ transferred to finer meshes exactly.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ngepc.bounds.simplices import Simplices
+from ngepc.bounds.sizes import power_of_two
 
 GROWS = 0
 STAYS = 1
@@ -118,7 +118,7 @@ class LimitData:
             np.abs(self.force[GROWS]).max(initial=0.0) * length,
             np.abs(self.traction[GROWS]).max(initial=0.0),
         ]
-        speed = power_of_two(float(np.abs(self.motion).max(initial=0.0)) or 1.0)
+        speed = power_of_two(float(np.abs(self.motion).max(initial=0.0)))
         units[GROWS] = power_of_two(float(max(growing)) or stress)
         loads = np.array(units)[:, None, None]
         plain = replace(
@@ -133,11 +133,6 @@ class LimitData:
         if self.moves:
             return plain, stress * length ** (cells.N - 1) * speed
         return plain, stress / units[GROWS]
-
-
-def power_of_two(value: float) -> float:
-    """The largest power of two that is not above a positive number."""
-    return 2.0 ** math.floor(math.log2(value))
 
 
 def barycentric(cells: Simplices, chosen: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, GridFunction, Mesh
 
 from ngepc.bounds.simplices import Simplices, marked
+from ngepc.bounds.sizes import power_of_two
 from ngepc.bounds.transfer import bisected
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
@@ -24,7 +25,7 @@ from ngepc.limit.bisection import (
     split_corners,
 )
 from ngepc.limit.bracket import MeshBracket, bracket_on, carried_centre
-from ngepc.limit.data import GROWS, LimitData, power_of_two
+from ngepc.limit.data import GROWS, LimitData
 from ngepc.limit.fields import (
     cell_order,
     mesh_of,

@@ -17,12 +17,13 @@ from itertools import product
 import numpy as np
 from ngsolve import CF, CoefficientFunction, GridFunction
 
+from ngepc.bounds.sizes import power_of_two
 from ngepc.checks.arguments import require_number
 from ngepc.checks.sentences import in_words, outward
 from ngepc.limit.bisection import singular_points
 from ngepc.limit.bracket import MeshBracket, carried_stress
 from ngepc.limit.cycles import alternating_bound, cycle_bracket_on
-from ngepc.limit.data import LimitData, power_of_two
+from ngepc.limit.data import LimitData
 from ngepc.limit.elastic import EXACT, INITIAL_STRAIN, elastic_stress, without_loads
 from ngepc.limit.fields import stress_function, velocity_function
 from ngepc.limit.load import (
@@ -352,8 +353,7 @@ class CycleSearch(Search):
         elastic = np.tensordot(factors, np.stack([a for a, _, _ in found]), axes=1)
         self.loads = [data for _, _, data in found]
         self.exact = bool(np.abs(residuals).max() <= EXACT * np.abs(elastic).max())
-        size = float(np.abs(elastic[..., shape.free :]).max())
-        size = power_of_two(size or 1.0)
+        size = power_of_two(float(np.abs(elastic[..., shape.free :]).max()))
         self.unit = power_of_two(float(data.bound.max())) / size
         self.elastic = elastic / size
         self.alternating = alternating_bound(self.data, shape, self.elastic)
