@@ -7,7 +7,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.tri import Triangulation
 
 import ngepc.pictures.style as style
@@ -218,10 +217,8 @@ def plot_bracket(
     axes.plot(unknowns, lower, "^-", color=COLOURS[1], label="every load up to this")
     if exact is not None:
         axes.axhline(exact, color=style.GUIDE, linewidth=0.8, label=f"{exact:.5g}")
-    axes.set(xscale="log", xlabel="unknowns of both programs", ylabel="load factor")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.xaxis.set_major_formatter("{x:,.0f}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    style.counts_along(axes, "unknowns of both programs")
+    axes.set_ylabel("load factor")
     axes.legend()
     return axes.figure
 

@@ -57,6 +57,7 @@ def plot_interval(
     if limit is not None:
         label = f"limit {limit:.5g}"
         axes.axhline(limit, color=style.GUIDE, linewidth=0.8, label=label)
-    axes.set(xscale="log", xlabel="nodes", ylabel=run.goal.name)
+    style.counts_along(axes, "nodes")
+    axes.set_ylabel(run.goal.name)
     axes.legend()
     return axes.figure

@@ -11,6 +11,7 @@ from pathlib import Path
 from matplotlib import rc_context, rc_params_from_file
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullFormatter
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_function, require_instance
@@ -105,3 +106,18 @@ def beside(
     ):
         draw(axes)
     return figure
+
+
+def counts_along(axes: Axes, label: str) -> None:
+    """A logarithmic axis of numbers of nodes or unknowns below what has been drawn.
+
+    Its ticks are whole numbers, and less than a decade has some, too.
+    """
+    axes.set(xscale="log", xlabel=label)
+    least, most = axes.get_xlim()
+    ticks: Locator = LogLocator(subs=(1, 2, 5))
+    if most < 10 * least:
+        ticks = MaxNLocator(5, integer=True)
+    axes.xaxis.set_major_locator(ticks)
+    axes.xaxis.set_major_formatter("{x:,.0f}")
+    axes.xaxis.set_minor_formatter(NullFormatter())

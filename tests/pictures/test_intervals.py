@@ -1,10 +1,13 @@
 """The picture of an interval over the nodes."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from ngepc import plot_interval, solve_to
+from ngepc.pictures.style import Picture, counts_along
 from ngepc.studies.examples import example
 
 
@@ -29,3 +32,23 @@ def test_other_objects_are_refused(run):
         plot_interval(3)
     with pytest.raises(ValueError, match="goal"):
         plot_interval(replace(run, goal=None))
+
+
+@pytest.mark.parametrize("counts", [(225, 368), (120, 6400), (1000, 1000)])
+def test_numbers_of_nodes_can_be_read(counts):
+    figure = Picture(figsize=(4.8, 3.6))
+    axes = figure.subplots()
+    axes.plot(counts, (1.0, 2.0), "o-")
+    counts_along(axes, "nodes")
+    FigureCanvasAgg(figure).draw()
+    least, most = axes.get_xlim()
+    shown = [
+        text
+        for text in axes.get_xticklabels()
+        if least <= text.get_position()[0] <= most
+    ]
+    numbers = [float(text.get_text().replace(",", "")) for text in shown]
+    boxes = [text.get_window_extent() for text in shown]
+    assert numbers == [text.get_position()[0] for text in shown]
+    assert len(set(numbers)) >= 3 or counts[0] == counts[1]
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
