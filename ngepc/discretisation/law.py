@@ -39,7 +39,7 @@ from ngepc._deprecated import old_names
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.resistance import EXACT, Resistance
 from ngepc.model.data import ProblemData
-from ngepc.model.material import split_hardening
+from ngepc.model.material import Material, split_hardening
 
 ROUNDING = 1e-9
 """Fraction of beta by which |s| has to exceed beta before a point counts as yielding.
@@ -80,6 +80,7 @@ class Return:
 class Law(ABC):
     """Material and history of a problem at the integration points, arrays of shape (points,)."""
 
+    material: Material  # its data as ``finer.seen_problem`` has them
     bulk: np.ndarray  # mu_1 + 2 mu_2/size (stress)
     two_mu: np.ndarray  # 2 mu_2 (stress)
     hardening: np.ndarray  # h (stress)
@@ -95,6 +96,7 @@ class Law(ABC):
     def __init__(self, problem: ProblemData, points: Points) -> None:
         kinematics = points.kinematics
         material = problem.material
+        self.material = material
         self.two_mu = points.at(2 * material.lame_mu)
         self.bulk = points.at(material.lame_lambda) + self.two_mu / kinematics.size
         self.hardening = points.at(material.effective_hardening)

@@ -1,5 +1,6 @@
 """The choice of the law at the integration points for a problem."""
 
+from ngepc.discretisation.finer import seen_problem
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.law import Law
 from ngepc.discretisation.overlay_law import OverlayLaw
@@ -9,7 +10,8 @@ from ngepc.model.data import ProblemData
 
 
 def law_of(problem: ProblemData, points: Points) -> Law:
-    """The law of a problem at the points."""
+    """The law of a problem at the points, with data that these may miss as ``finer`` has them."""
+    problem = seen_problem(problem, points)
     material = problem.material
     kind: type[Law] = VonMisesLaw
     if material.hill is not None:

@@ -234,6 +234,9 @@ class Points:
     weights: np.ndarray  # volume that belongs to each point, shape (points,)
     blocks: list[Elements]  # one for each shape
     processes: Team  # that share the mesh; each has the points of its own elements
+    seen: dict[
+        int, object
+    ]  # data of the material that the points miss, by ``finer.seen``
 
     def __init__(
         self,
@@ -246,6 +249,7 @@ class Points:
         self.mesh = mesh
         self.kinematics = kinematics
         self.order = order
+        self.seen = {}
         self.processes = nodal_processes_of(mesh, order)
         self.rules = plastic_points(mesh, order)
         self.scalar = H1(mesh, order=order)
@@ -257,11 +261,11 @@ class Points:
 
     def __getstate__(self) -> dict:
         """Everything except the mapped points, which refer to their mesh in memory."""
-        left_out = ("_mapped", "functions")
+        left_out = ("_mapped", "functions", "seen")
         return {name: part for name, part in vars(self).items() if name not in left_out}
 
     def __setstate__(self, state: dict) -> None:
-        vars(self).update(state)
+        vars(self).update(state, seen={})
         whole = self.mesh.Materials(".*")
         self._mapped = self.mesh.MapToAllElements(self.rules, whole)
 

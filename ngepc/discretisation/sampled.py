@@ -1,8 +1,8 @@
 """Data of a problem that are known from samples only, and the message about them.
 
 Numbers, finite element functions and polynomials on elements are known exactly.  Anything else is
-looked at in points: loads on the lattice of ``Scan``, gaps at the nodes of contact, materials and
-histories at the integration points.
+looked at in points: loads on the lattice of ``Scan``, materials on that of ``finer``, gaps at the
+nodes of contact, histories at the integration points.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 import numpy as np
-from ngsolve import BND, H1, VOL, CoefficientFunction, ElementId, Mesh
+from ngsolve import BND, H1, VOL, ElementId, Mesh
 
+from ngepc.discretisation.finer import parts_inside
 from ngepc.discretisation.loads import shapes_at
 from ngepc.discretisation.polynomials import HIGHEST, is_polynomial
 from ngepc.discretisation.sampling import Scan, parts_of_edges
@@ -32,8 +33,18 @@ OF_OBSTACLES = 2
 """The highest degree of obstacles whose lowest point between nodes is known."""
 LOADS = ("body_force", "traction", "pressure")
 """Data that a solver samples on the lattice."""
-OF_HISTORY = ("initial_plastic_strain", "initial_hardening", "initial_accumulated")
-"""Data that have a meaning at the integration points only."""
+OF_MATERIAL = (
+    "lame_lambda",
+    "lame_mu",
+    "yield_stress",
+    "hardening",
+    "initial_strain",
+    "material.law",
+    "material.rate",
+)
+"""Data that the exact methods look at on the parts of ``finer``."""
+BETWEEN = (*LOADS, *OF_MATERIAL)
+"""Data that the exact methods look at between nodes and integration points."""
 
 
 def sampled_data(problem: Problem) -> list[str]:
@@ -46,22 +57,9 @@ def sampled_data(problem: Problem) -> list[str]:
     ]
 
 
-def sampled_inside(problem: Problem) -> list[tuple[str, CoefficientFunction]]:
-    """Names and coefficients of the data that are sampled at the integration points of the body.
-
-    Those of the history are left out, because they mean nothing elsewhere.
-    """
-    left_out = (*LOADS, *ON_BOUNDARY, *OF_HISTORY)
-    found = []
-    for name, value in _given(problem).items():
-        several = value if isinstance(value, list | tuple) else [value]
-        if name not in left_out:
-            sampled = [v for v in several if not is_polynomial(v, problem.mesh)]
-            found += [(name, one) for one in sampled]
-    return found
-
-
-def what_is_unseen(problem: Problem, scanned: Collection[str] | None = LOADS) -> str:
+def what_is_unseen(
+    problem: Problem, scanned: Collection[str] | None = (*LOADS, *OF_MATERIAL)
+) -> str:
     """A sentence about the data that are known from samples; empty where there are none.
 
     Parameters
@@ -69,8 +67,7 @@ def what_is_unseen(problem: Problem, scanned: Collection[str] | None = LOADS) ->
     problem
         The problem.
     scanned
-        What is looked at on the lattice, other data at nodes and integration points; None for
-        all, as error bounds do.
+        What is looked at between nodes and integration points; None for all, as error bounds do.
     """
     names = sampled_data(problem)
     if not names:
@@ -88,7 +85,10 @@ def _seen_at(problem: Problem, name: str, scanned: Collection[str] | None) -> st
     if name == "springs" or on_edges:
         return "at integration points"
     if scanned is None or name in scanned:
-        parts = parts_of_edges(problem.mesh, BND if outside else VOL)
+        if scanned is not None and name in OF_MATERIAL:
+            parts = parts_inside(problem.mesh)
+        else:
+            parts = parts_of_edges(problem.mesh, BND if outside else VOL)
         return f"at 1/{parts} of each edge of an element"
     return "at nodes" if outside else "at integration points"
 

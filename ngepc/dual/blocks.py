@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from ngepc._deprecated import old_names
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.loads import prescribed_displacement
-from ngepc.discretisation.sampled import what_is_unseen
+from ngepc.discretisation.sampled import LOADS, what_is_unseen
 from ngepc.dual import saddle
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
@@ -62,7 +62,7 @@ class LinearBlocks:
         require_covered(problem, "the paper's regularised method", COVERS, advice)
         self.problem = problem
         order = order_note(problem, ", as the regularised method needs them")
-        self.note = " ".join(filter(None, (order, what_is_unseen(problem))))
+        self.note = " ".join(filter(None, (order, what_is_unseen(problem, LOADS))))
         self.choice = choice
         self.inverse = inverse
         fixed = choice.tichonov.fixed

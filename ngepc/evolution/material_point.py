@@ -172,6 +172,7 @@ class _Point:
     """``Law`` at one point; strains and stresses by their six ``COMPONENTS``."""
 
     kinematics = SOLID
+    mesh = None  # nothing is between the points of one
 
     def __init__(self, material: Material, duration: float | None) -> None:
         mesh = block.structured_mesh(1, 1, 1)

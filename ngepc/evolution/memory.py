@@ -9,6 +9,7 @@ import numpy as np
 
 from ngepc.checks.arguments import is_number
 from ngepc.checks.sentences import in_words
+from ngepc.discretisation.finer import seen_material
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions, Points, on_children
@@ -73,12 +74,14 @@ class Memory:
         ``own`` are additional history variables of the law, ``size`` is what takes the place of
         |p| (points,), for a yield surface that is no sphere.
         """
-        at = self.functions.points.at
+        points = self.functions.points
+        at = points.at
+        seen = seen_material(material, points)
         size = np.linalg.norm(p, axis=1) if size is None else size
         gained = {
             "plastic_strain": p,
-            "back_stress": at(material.hardening)[:, None] * p,
-            "hardening_variable": at(material.scalar_growth) * size,
+            "back_stress": at(seen.hardening)[:, None] * p,
+            "hardening_variable": at(seen.scalar_growth) * size,
             "accumulated": PEEQ * size,
         }
         before = self.with_material(material).arrays
@@ -94,15 +97,17 @@ class Memory:
         """
         if material is self.material:
             return self
-        at = self.functions.points.at
+        points = self.functions.points
+        earlier = seen_material(self.material, points)
+        later = seen_material(material, points)
         moduli = {
             "back_stress": "hardening",
             "hardening_variable": "hardening_stiffness",
         }
         arrays = dict(self.arrays)
         for name, modulus in moduli.items():
-            before = at(getattr(self.material, modulus))
-            after = at(getattr(material, modulus))
+            before = points.at(getattr(earlier, modulus))
+            after = points.at(getattr(later, modulus))
             if ((before == 0) != (after == 0)).any():
                 raise ValueError(
                     f"material={in_words(material)}: {modulus} is zero in one of two "

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ngepc.discretisation.means import differing_means
 from ngepc.discretisation.sampled import what_is_unseen
 from ngepc.evolution.result import EvolutionStep
 from ngepc.model.data import order_note
@@ -31,7 +30,7 @@ def remarks(steps: Sequence[EvolutionStep]) -> str:
     problem = steps[-1].fields.problem
     if problem.contact is not None and not any(s.record.contact_force for s in steps):
         found.append("Nothing touches the obstacle in any step.")
-    notes = (order_note, what_is_unseen, differing_means)
+    notes = (order_note, what_is_unseen)
     found += filter(None, (note(problem) for note in notes))
     maximum = problem.processes.maximum
     sizes = [

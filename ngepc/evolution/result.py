@@ -11,6 +11,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, GridFunction
 
 from ngepc._deprecated import old_names
+from ngepc.discretisation.finer import seen_material, seen_problem
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import Points
 from ngepc.evolution.distance import DistanceBound, distance_of
@@ -70,7 +71,8 @@ class StepRecord:
         if isinstance(result, ExactResult):
             lost = result.discrete.law.lost(result.state.at)
         else:
-            lost = points.at(problem.beta) * np.linalg.norm(gained, axis=1)
+            beta = seen_problem(problem, points).beta
+            lost = points.at(beta) * np.linalg.norm(gained, axis=1)
         size = np.linalg.norm(plastic, axis=1)
         elastic = tensors(points, fields.elastic_strain)
         vectors = ("contact_resultant", "reaction", "applied_force")
@@ -109,6 +111,7 @@ def tensors(points: Points, value: CoefficientFunction) -> np.ndarray:
 
 def elastic_energy(points: Points, material: Material, e: np.ndarray) -> float:
     """1/2 int C e : e = int lambda/2 (tr e)^2 + mu e : e of strains (points, size, size)."""
+    material = seen_material(material, points)
     trace = np.trace(e, axis1=1, axis2=2)
     shear = (e**2).sum(axis=(1, 2))
     density = points.at(material.lame_lambda) * trace**2 / 2

@@ -25,6 +25,7 @@ from ngsolve.comp import ProxyFunction
 from ngsolve.fem import CacheCF, NewtonCF
 
 from ngepc.checks.arguments import Coefficient, is_number
+from ngepc.discretisation.finer import seen_problem
 from ngepc.discretisation.law import SOFTEST
 from ngepc.discretisation.points import Points
 from ngepc.model.material import PEEQ
@@ -177,12 +178,15 @@ class ReturnMapping:
     ``update``: ``elastic_strain_trial``, e - eps_0 - p_0, and ``stress``, C (e - eps_0 - p_0 - p),
     tensors; ``plastic_increment``, p in coordinates; ``bound``, beta(|p|), and its integral from 0
     to |p|, ``hardening_energy``; ``energy_density``, that of J without the loads, smallest over p;
-    ``plastic``, 1 where the body yields in this step, 0 elsewhere.
+    ``plastic``, 1 where the body yields in this step, 0 elsewhere.  ``problem`` has the data that
+    ``finer.seen_problem`` gives.
     """
 
     def __init__(self, problem: Problem, displacement: GridFunction) -> None:
         data = DataOnMesh(problem)
+        problem = seen_problem(problem, data.points)
         material = problem.material
+        self.problem = problem
         self.kinematics = problem.kinematics
         size = self.kinematics.size
         self._points = data.points

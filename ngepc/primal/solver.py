@@ -87,9 +87,9 @@ class PrimalResult(DiscreteSolution):
         remaining error.
         """
         state = self.state
-        problem = self.problem
         reduced = state.body
         mapping = state.here.mapping
+        problem = mapping.problem
         p_0 = problem.p_0
         p = mapping.plastic_increment
         back = problem.kinematics.coordinates(problem.alpha_0[1])

@@ -17,6 +17,7 @@ from ngsolve import Mesh
 
 from ngepc.checks.arguments import is_number, require_coefficient, sample
 from ngepc.checks.sentences import in_words
+from ngepc.discretisation.finer import seen
 from ngepc.discretisation.resistance import Resistance
 from ngepc.local.system import State
 from ngepc.model.data import as_scalar
@@ -147,14 +148,14 @@ def part_changes(state: State, name: str, change: object) -> Data:
     if datum.part == "overlay":
         return _overlay_changes(state, name, datum, changes)
 
-    given = [points.at(one) for one in values]
-    moved = [points.at(one) for one in changes]
+    given = [points.at(seen(one, points)) for one in values]
+    moved = [points.at(seen(one, points)) for one in changes]
     largest = max(np.abs(one).max() for one in moved)
     if largest == 0.0:
         return Data()
     step = STEP * (max(np.abs(one).max() for one in given) or 1.0) / largest
     data = _FORMULAS[datum.part](state)
-    original = getattr(state.discrete.problem.material, datum.part)
+    original = getattr(state.discrete.law.material, datum.part)
     if datum.part != "hill":
         original = original.at(points.at)
     found = Data()
@@ -180,7 +181,8 @@ def _of_law(state: State) -> Callable[[object], Data]:
     material = problem.material
     follows = follows_law(material, problem.mesh)
     alpha_1 = points.at(problem.alpha_0[0])
-    hardened = 1 + points.at(as_scalar(material.hardening_modulus)) * alpha_1
+    used = state.discrete.law.material
+    hardened = 1 + points.at(as_scalar(used.hardening_modulus)) * alpha_1
     resistance = state.discrete.law.resistance
 
     def data(law: object) -> Data:

@@ -255,7 +255,7 @@ def _left_behind(state: State, surfaces: list[YieldSurface]) -> list[Equation]:
     """The equations of the history variables for the next step."""
     at = state.at
     points = state.discrete.points
-    material = state.discrete.problem.material
+    material = state.discrete.law.material
     growth = points.at(material.scalar_growth)
     sharper = points.at(material.yield_stress * material.hardening_modulus)
     equations: list[Equation] = [

@@ -28,8 +28,10 @@ from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.conditions import at_rows, roller_rows
+from ngepc.discretisation.finer import seen, seen_problem
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.loads import Supports, applied_forces
+from ngepc.discretisation.polynomials import is_polynomial
 from ngepc.discretisation.rows import contact_rows
 from ngepc.evolution.load_path import scaled
 from ngepc.local.system import DiscreteProblem, State
@@ -40,7 +42,7 @@ from ngepc.model.places import Coulomb, places
 from ngepc.model.problem import Problem
 from ngepc.sensitivity.equations import STENCIL as STENCIL
 from ngepc.sensitivity.equations import Data
-from ngepc.sensitivity.law_data import PARTS, is_of_part, part_changes
+from ngepc.sensitivity.law_data import PARTS, PartDatum, is_of_part, part_changes
 
 MATERIAL = tuple(field.name for field in fields(Material) if field.name not in PARTS)
 OF_OVERLAY = ("lame_lambda", "lame_mu")
@@ -136,6 +138,7 @@ def changed_data(state: State, direction: Direction) -> Data:
     """
     discrete = state.discrete
     problem = state.discrete.problem
+    require_linear(state, direction)
     if is_of_part(direction.datum):
         return part_changes(state, direction.datum, direction.change)
     datum, change = _change(problem, direction)
@@ -157,6 +160,7 @@ def changed_data(state: State, direction: Direction) -> Data:
     if datum in LOADS:  # forces are linear in a load
         return Data(load=applied_forces(other, discrete.supports.space))
     if datum == "initial_strain":
+        other = seen_problem(other, discrete.points)
         volume, strain = state.discrete.law.initial_parts(other, discrete.points)
         return Data(volume=-volume, strain=-strain)
     if datum == "initial_plastic_strain":
@@ -168,6 +172,46 @@ def changed_data(state: State, direction: Direction) -> Data:
     moved = 1.0 if whole else contact_rows(other, discrete.supports).gaps
     gaps[discrete.contact.on_obstacles] = moved
     return Data(gaps=gaps)
+
+
+def require_linear(state: State, direction: Direction) -> None:
+    """Refuse changes by which data with projections, see ``discretisation.finer``, do not change.
+
+    A number, a constant on each element and the datum itself change the projection as they change
+    the datum.
+    """
+    discrete = state.discrete
+    problem = discrete.problem
+    points = discrete.points
+    used = seen_problem(problem, points)
+    if direction.datum == "shape" and used is not problem:
+        raise ValueError(
+            "parameters='shape' with data that vary between the integration points: a finer mesh "
+            "or data that vary less are needed"
+        )
+    known = _several(_material_datum(problem, direction.datum))
+    for given, change in zip(known, _several(direction.change), strict=False):
+        same = change is given or is_polynomial(change, problem.mesh, 0)
+        if not same and seen(given, points) is not given:
+            raise ValueError(
+                f"parameters={direction.datum!r} varies between the integration points: only "
+                "changes by a number, by constants on elements or by the datum itself have a "
+                "derivative"
+            )
+
+
+def _material_datum(problem: ProblemData, datum: str) -> object:
+    """The given value of a datum of the material or of the initial strain; None for others."""
+    if is_of_part(datum):
+        return PartDatum.of(problem.material, datum).value
+    if datum in MATERIAL:
+        return getattr(problem.material, datum)
+    return problem.initial_strain if datum == "initial_strain" else None
+
+
+def _several(value: object) -> list[object]:
+    """The entries of a table, or the value alone."""
+    return list(value) if isinstance(value, tuple | list) else [value]
 
 
 def _prescribed(state: State, other: ProblemData, change: object) -> Data:
@@ -240,10 +284,12 @@ def _material(state: State, datum: str, change: Coefficient) -> Data:
             f"parameters={datum!r} with {in_words(problem.material.overlay)}: one of "
             f"{legal} is needed"
         )
-    points = state.discrete.points
+    discrete = state.discrete
+    points = discrete.points
     require_coefficient(datum, change)
     alpha_1, _ = split_hardening(problem.initial_hardening)
-    known = {name: getattr(problem.material, name) for name in MATERIAL}
+    known = {name: getattr(discrete.law.material, name) for name in MATERIAL}
+    change = seen(change, points)
     known |= {"alpha_1": alpha_1 or 0.0, "change": change}
     known = {
         n: v if v is None or is_number(v) else points.at(v) for n, v in known.items()
@@ -299,7 +345,7 @@ def geometry(old: State, state: State) -> Data:
     points = state.discrete.points
     contact = discrete.contact
     cone = discrete.contact.friction
-    material = discrete.problem.material
+    material = law.material
     stress = old.discrete.law.stress(old.at)
     forces = points.forces(*stress) + discrete.supports.pull(old.u)
     before = old.discrete.law.resistance

@@ -29,7 +29,7 @@ def problem(**data):
             {"contact": "contact", "gap": 0.1, "friction": Coulomb(1 / (1 + x))},
             "friction (at nodes)",
         ),
-        ({"initial_strain": 1e-3 * sin(y)}, "initial_strain (at integration points)"),
+        ({"initial_strain": 1e-3 * sin(y)}, "initial_strain (at 1/48 of each edge"),
         ({"springs": {"right": 10 + sin(y)}}, "springs (at integration points)"),
     ],
 )
