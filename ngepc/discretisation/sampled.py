@@ -138,6 +138,9 @@ def _given(problem: Problem) -> dict[str, object]:
         "initial_strain": problem.initial_strain,
         "material.law": [] if material.law is None else material.law.data,
         "material.rate": [] if material.rate is None else material.rate.data,
+        "material.hill": []
+        if material.hill is None
+        else list(vars(material.hill).values()),
         "prescribed": [value for *_, value in problem.held],
     }
 
