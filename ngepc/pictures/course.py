@@ -2,6 +2,7 @@
 
 import html
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -57,19 +58,20 @@ class Quiz(tuple):
         parts = []
         for question in self:
             right = question["choices"][0]
-            parts.append(
-                f"<p style='margin-top: 1em'>{html.escape(question['text'])}</p>"
-            )
+            text = _marked_up(question["text"])
+            parts.append(f"<p style='margin-top: 1em'>{text}</p>")
             for choice in sorted(question["choices"]):
-                text = (
-                    f"Right. {question['why']}"
-                    if choice == right
-                    else "No. Try another."
-                )
-                choice = html.escape(choice)
-                text = html.escape(text)
-                parts.append(f"<details><summary>{choice}</summary>{text}</details>")
+                reply = "No. Try another."
+                if choice == right:
+                    reply = f"Right. {question['why']}"
+                summary = f"<summary>{_marked_up(choice)}</summary>"
+                parts.append(f"<details>{summary}{_marked_up(reply)}</details>")
         return "".join(parts)
+
+
+def _marked_up(text: str) -> str:
+    """A text of a quiz in HTML; what follows a Greek letter and an underscore is a subscript."""
+    return re.sub(r"(?<=[α-ω])_(\w+)", r"<sub>\1</sub>", html.escape(text))
 
 
 def quiz(lecture: str) -> Quiz:

@@ -331,7 +331,10 @@ def _encoded(pieces: np.ndarray) -> list[str]:
 
 
 def pressure_peak(sources: Iterable[object]) -> float:
-    """Greatest contact pressure of the sources, not below ``NOISE`` of the yield bound."""
+    """Greatest contact pressure of the sources, not below ``NOISE`` of the yield bound.
+
+    Its absolute value: a regularised state has pressures of either sign.
+    """
     peaks = []
     for source in sources:
         problem = fields_of(source).problem
@@ -339,7 +342,7 @@ def pressure_peak(sources: Iterable[object]) -> float:
             where = "|".join(problem.touching_names)
             touching = corners_of(fields_of(source), source.contact_pressure, where)
             peaks += [
-                touching.values.max(),
+                np.abs(touching.values).max(),
                 NOISE * sample(problem.beta, problem.mesh).mean(),
             ]
     return float(max(peaks, default=1.0))

@@ -14,8 +14,10 @@ from browser import Browser, chromium
 from matplotlib import colormaps
 from solved import block_primal, lshape_dual, lshape_primal
 
-from ngepc import primal_newton
+from ngepc import primal_newton, semismooth_newton, wrench_problem
+from ngepc.geometries import wrench
 from ngepc.pictures import views
+from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.views import EXTRA, NOISE, View, pressure_peak, show
 
 needs_browser = pytest.mark.skipif(
@@ -189,6 +191,17 @@ def test_pressures_of_rounding_size_are_not_drawn_high():
     bound = touching.problem.material.yield_stress
     assert pressure_peak([far_away]) == pytest.approx(NOISE * bound)
     assert np.abs(far_away.contact_pressure.vec.FV().NumPy()).max() < 1e-6 * bound
+
+
+def test_no_pressure_is_drawn_higher_than_the_peak():
+    regularised = semismooth_newton(wrench_problem(wrench.paper_mesh(873)), gamma=70.0)
+    problem = regularised.problem
+    contact = "|".join(problem.contact_names)
+    values = corners_of(
+        regularised.fields, regularised.contact_pressure, contact
+    ).values
+    assert values.min() < -10 * values.max()
+    assert np.abs(values).max() <= pressure_peak([regularised])
 
 
 @needs_viewer

@@ -218,6 +218,7 @@ def test_every_lecture_ends_with_its_quiz(path):
     for question in questions:
         assert len(set(question["choices"])) == len(question["choices"]) >= 2
     shown = quiz(path.stem)._repr_html_()
+    assert not re.search("[α-ω]_", shown)
     assert shown.count("Right. ") == len(questions)
 
 
