@@ -27,7 +27,7 @@ from ngepc.bounds.simplices import Simplices, by_cells
 
 # entries of a symmetric matrix that are kept
 FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
-AT_ONCE = 500
+AT_ONCE = 1000
 """Triangles whose stiffness is computed at once."""
 LEVEL = 1e-9
 """Smaller components of a unit normal and smaller eigenvalues count as zero."""

@@ -1,6 +1,7 @@
-"""Conjugate gradients for Airy functions, preconditioned on two levels.
+"""Conjugate gradients for Airy functions, with a preconditioner in three parts.
 
-Unknowns of vertices: a direct solver; unknowns of edges: a Chebyshev polynomial.
+Unknowns of vertices: a direct solver where most of the bound is, elsewhere the blocks of the
+vertices; unknowns of edges: a Chebyshev polynomial.
 """
 
 from __future__ import annotations
@@ -13,13 +14,23 @@ from ngsolve import H1, BitArray
 from scipy.sparse import csr_matrix
 
 from ngepc.bounds.airy import LOWER, AirySpace
-from ngepc.bounds.simplices import Simplices
+from ngepc.bounds.simplices import Simplices, marked
 from ngepc.discretisation.stiffness import Blocks, pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import lower_triangle
 
 EDGE_STEPS = 3  # steps of Chebyshev's iteration for the unknowns of edges
 LEAST = 0.2  # lower end of its interval of eigenvalues, relative to the upper end
+SHARE = 0.97
+"""The direct solver takes the fewest triangles that have this share of the bound."""
+RINGS = 9
+"""... and so many rings of triangles around them."""
+DAMPED = 0.5
+"""Factor of the inverse blocks of the other vertices.
+
+No triangle adds more than twice what the direct solver and the blocks over this factor have there:
+with n vertices outside |sum of n terms|^2 is at most n times the sum of their squares.
+"""
 MODES_UP_TO = 1000
 """Largest number of triangles for which resultants between supports are unknowns.
 
@@ -29,7 +40,7 @@ stress.
 
 
 class TwoLevels(Blocks):
-    """K x = r for Airy functions, with a direct solver for the vertices.
+    """K x = r for Airy functions, with a direct solver for vertices.
 
     The matrix of the vertices consists of blocks (3, 3) on and below the diagonal.
     """
@@ -38,6 +49,7 @@ class TwoLevels(Blocks):
 
     def __init__(self, space: AirySpace, cells: Simplices) -> None:
         self.space = space
+        self._cells = cells
         self._count = space.vertices
         nv = np.int64(len(cells.points))
         self._times = np.bincount(space.unknowns.ravel(), minlength=len(space.free))
@@ -66,7 +78,7 @@ class TwoLevels(Blocks):
         """Set the stiffness of some triangles; the unknowns of all others are held.
 
         ``blocks`` are those of ``AirySpace.stiffness``, ``forces`` is the product with all
-        unknowns, held ones too.
+        unknowns, held ones too.  The direct solver takes all vertices, see ``focused``.
         """
         space = self.space
         part = self.space.of(chosen)
@@ -78,10 +90,9 @@ class TwoLevels(Blocks):
         times = np.bincount(part.unknowns.ravel(), minlength=len(space.free))
         self._free = space.free & (times == self._times)
         free = self._free[:count].reshape(-1, 3)
-        there = free.any(axis=1)
-        self.free = (
-            free | ~there[:, None]
-        )  # the solver leaves out what is held as a whole
+        self._there = free.any(axis=1)
+        # the solver leaves out what is held as a whole
+        self.free = free | ~self._there[:, None]
         self._take_edges(rest)
         swap = self._turned[:, None, None, chosen]
         values = np.where(swap, corners.swapaxes(1, 2), corners)
@@ -90,13 +101,58 @@ class TwoLevels(Blocks):
         for i, j in np.ndindex(3, 3):
             sums[:, i, j] = np.bincount(where, values[:, i, j].ravel(), len(sums))
         self.matrix.AsVector().FV().NumPy()[:] = self.held(sums).ravel()
-        self._inverse = self.matrix.Inverse(
-            BitArray(there.tolist()), inverse="sparsecholesky"
+        self._is_whole = len(part.det) == len(space.det)
+        self._whole: TwoLevels | None = None
+
+    def focused(self, per_cell: np.ndarray | None = None) -> TwoLevels:
+        """The solver with factors for the vertices where most of the bound is.
+
+        ``per_cell`` is the bound on each triangle.  All vertices are taken without it, and if these
+        would be most of the triangles.
+        """
+        near = np.arange(len(self.space.det))
+        if per_cell is not None:
+            near = self._cells.around(marked(per_cell, SHARE), RINGS)
+        if per_cell is not None and 2 * len(near) <= len(per_cell):
+            return self._with_factors(self._cells.nodes[near])
+        if self._whole is None:
+            self._whole = self._with_factors(slice(None))
+        return self._whole
+
+    def _with_factors(self, direct: np.ndarray | slice) -> TwoLevels:
+        """The solver with factors for these vertices, and the inverse blocks of all others."""
+        result = copy(self)
+        chosen = np.zeros(len(self._there), dtype=bool)
+        chosen[direct] = True
+        inside = BitArray((chosen & self._there).tolist())
+        result._inverse = self.matrix.Inverse(inside, inverse="sparsecholesky")
+        result._others = np.flatnonzero(~chosen & self._there)
+        blocks = self.matrix.AsVector().FV().NumPy().reshape(-1, 3, 3)
+        diagonal = blocks[self.rows == self.columns][result._others]
+        result._inverse_blocks = DAMPED * np.linalg.inv(diagonal)
+        result._take_modes()
+        return result
+
+    def _take_modes(self) -> None:
+        """The resultants between supports on coarse meshes; free unknowns move with them."""
+        few = self._is_whole and len(self.space.det) <= MODES_UP_TO
+        modes = self.space.modes() if few else []
+        self._modes = np.array(
+            [mode - self._relaxed(self._forces(mode)) for mode in modes]
         )
-        few = len(part.det) == len(space.det) <= MODES_UP_TO
-        modes = space.modes() if few else []  # free unknowns move with the modes
-        self._modes = np.array([mode - self._relaxed(forces(mode)) for mode in modes])
-        self._gram = np.array([self._modes @ forces(mode) for mode in self._modes])
+        self._gram = np.array(
+            [self._modes @ self._forces(mode) for mode in self._modes]
+        )
+
+    def _of_vertices(self, r: np.ndarray) -> np.ndarray:
+        """Approximate solution of the vertices' block."""
+        r = np.where(self._free[: self._count], r, 0.0)
+        self._right.FV().NumPy()[:] = r
+        self._left.data = self._inverse * self._right
+        x = self._left.FV().NumPy().reshape(-1, 3).copy()
+        alone = r.reshape(-1, 3)[self._others]
+        x[self._others] = np.einsum("nij,nj->ni", self._inverse_blocks, alone)
+        return x.ravel()
 
     def product(self, x: np.ndarray) -> np.ndarray:
         """K x; without modes x is zero at held unknowns, and so is the result."""
@@ -164,10 +220,7 @@ class TwoLevels(Blocks):
         """Block Gauss-Seidel for the free unknowns: edges, vertices, edges again."""
         count = self._count
         edge = self._of_edges(r[count:])
-        vertex = r[:count] - self._on_vertices(edge)
-        self._right.FV().NumPy()[:] = np.where(self._free[:count], vertex, 0.0)
-        self._left.data = self._inverse * self._right
-        vertex = self._left.FV().NumPy().copy()
+        vertex = self._of_vertices(r[:count] - self._on_vertices(edge))
         edge -= self._of_edges(self._on_edges(vertex))
         return np.concatenate([vertex, edge])
 

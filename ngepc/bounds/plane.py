@@ -20,7 +20,7 @@ from ngepc.bounds.data import (
     stress_coordinates,
 )
 from ngepc.bounds.element import ELEMENTS, PAIRS
-from ngepc.bounds.levels import TwoLevels
+from ngepc.bounds.levels import RINGS, TwoLevels
 from ngepc.bounds.polynomials import portions
 from ngepc.bounds.simplices import Simplices, marked, sliced, stored_by_cells
 from ngepc.discretisation.factors import Factors
@@ -42,10 +42,8 @@ LOCALLY = 0.3
 """Newton steps use this fraction of ``gain``: they are cheap where little yields."""
 
 BROKEN = 0.9
-"""Newton steps are restricted to the triangles with this share of the tangent's remainder."""
-
-RINGS = 9
-"""... and to so many rings of triangles around them."""
+"""Newton steps are restricted to the triangles with this share of the tangent's remainder, and to
+rings of triangles around them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,16 +139,16 @@ class SecondOrderModel:
         work = np.einsum("tqc,tqc->tq", z - self.centre, gradient + self._gradient)
         return self._values + self.space.area * (work @ self.space.rule.weights) / 2
 
-    def linearised(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        """The integral for stresses, and its derivative by the unknowns."""
-        value = 0.0
+    def linearised(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals over the triangles for stresses, and minus the derivative by the unknowns."""
+        values = np.empty(len(z))
         forces = np.empty(self.space.unknowns.shape)
         for cells in portions(len(z)):
             part = self.of(cells)
             slope = part.gradient(z[cells])
-            value += float(part.values(z[cells], slope).sum())
+            values[cells] = part.values(z[cells], slope)
             forces[:, cells] = part.space.forces(slope)
-        return value, -self.space.gathered(forces)
+        return values, -self.space.gathered(forces)
 
     def remainder(self, functional: StressFunctional, z: np.ndarray) -> np.ndarray:
         """The functional less its expansion on each triangle: zero where no point yields."""
@@ -195,29 +193,28 @@ def tightened(
     cells: Simplices,
     z: np.ndarray,
     centre: np.ndarray,
-    rest: float,
+    rest: np.ndarray,
     effort: Effort,
 ) -> tuple[np.ndarray, AirySearch]:
     """In-plane stresses at the points, shape (nt, points, 3), with a smaller dual functional.
 
     The search starts at the admissible stress ``z`` (nt, points, 3).  The first tangent is that at
     the stress ``centre`` of the discrete solution, at one point or all (nt, ., 3).  ``rest`` is the
-    bound without the functional.  The second result solves with the first tangent.
+    bound without the functional on each triangle.  The second result solves with the first tangent.
     """
     there = slice(None)
     part = functional
     gain = effort.gain
-    bound = rest
     search = None
     for step in range(effort.newton + 1):
         model = SecondOrderModel(part, centre)
         system.update(part.space.stiffness(model.compliance), model.forces, there)
+        values, right = model.linearised(z[there])
         if step == 0:
             search = AirySearch(system, model.compliance)
-        value, right = model.linearised(z[there])
-        if step == 0:
-            bound += value
-        x, promised = system.solve(right, bound, gain, effort.steps)
+            bound = float((rest + values).sum())
+        solver = system.focused(rest + values if step == 0 else None)
+        x, promised = solver.solve(right, bound, gain, effort.steps)
         change = part.space.stress(x)
         z[there] = z[there] + change if step == 0 else descended(part, z[there], change)
         if step == effort.newton:
@@ -264,21 +261,21 @@ ON_SIDES = (
 
 def missed_energy(
     functional: StressFunctional, compliance: np.ndarray, tau: np.ndarray
-) -> tuple[float, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Half the square of what stresses at the points miss of those of the strain of ``functional``.
 
-    With g = H tau - eps it is 1/2 g : H^-1 g.  The second result is minus its derivative by the
-    unknowns of the Airy functions.
+    With g = H tau - eps it is 1/2 g : H^-1 g, integrated over each triangle.  The second result is
+    minus the derivative of its sum by the unknowns of the Airy functions.
     """
     space = functional.space
-    energy = 0.0
+    energy = np.empty(len(tau))
     forces = np.empty(space.unknowns.shape)
     for cells in portions(len(tau)):
         H = compliance[cells]
         off = strain_of(H, tau[cells]) - functional.strain[cells]
         stress = strain_of(stored_by_cells(np.linalg.inv(H)), off)
         square = np.einsum("tqc,tqc->tq", off, stress) @ space.rule.weights
-        energy += float(space.area[cells] @ square) / 2
+        energy[cells] = space.area[cells] * square / 2
         forces[:, cells] = space.of(cells).forces(off)
     return energy, -space.gathered(forces)
 
@@ -304,7 +301,7 @@ class PlaneBoundData(BoundData):
         strain = stored_by_cells(self.strain(state))
         functional = StressFunctional(self.space, self.conjugate, strain)
         on_boundary = self.boundary_gaps(state, P, sprung)
-        rest = float(self.phi(state).sum() + on_boundary.sum())
+        rest = self.phi(state) + on_boundary
         z = self.admissible(stress, moments)
         system = self._unsolved.another()
         centre = self.on_parts(stress)
@@ -350,8 +347,9 @@ class PlaneBoundData(BoundData):
         w = self.foundation.affine(near)
         tau = self.admissible(stress, self.foundation.added(moments, w))
         missed, right = missed_energy(functional, search.compliance, tau)
-        missed += float(self.foundation.gaps(z, w).sum())
-        x, left = search.system.solve(right, missed, ADJOINT_GAIN, MOST_STEPS)
+        system = search.system.focused(missed)
+        bound = float(missed.sum() + self.foundation.gaps(z, w).sum())
+        x, left = system.solve(right, bound, ADJOINT_GAIN, MOST_STEPS)
         return AdjointStress(self.space.at_nodes(tau + self.space.stress(x)), w, left)
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
+from functools import reduce
 
 import numpy as np
 from ngsolve import Mesh
@@ -111,11 +112,12 @@ class Simplices:
 
     def around(self, chosen: np.ndarray, rings: int) -> np.ndarray:
         """Numbers of the chosen cells and of ``rings`` (one or more) rings of cells around them."""
+        corners = [self.nodes[:, k].copy() for k in range(self.N + 1)]
+        there = np.zeros(len(self.points), dtype=bool)
         for _ in range(rings):
-            there = np.zeros(len(self.points), dtype=bool)
             there[self.nodes[chosen]] = True
-            chosen = there[self.nodes].any(axis=1)
-        return np.flatnonzero(chosen)
+            chosen = np.flatnonzero(reduce(np.logical_or, [there[v] for v in corners]))
+        return chosen
 
 
 def sorted_rows(numbers: np.ndarray) -> np.ndarray:
