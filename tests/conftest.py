@@ -54,6 +54,7 @@ SLOW = (
     "bounds/test_solid.py",
     "bounds/test_sub_elements.py",
     "bounds/test_supremum_of_laws.py",
+    "bounds/test_thickness.py",
     "bounds/test_thin.py",
     "bounds/test_verdicts.py",
     "bridges/test_functions.py",

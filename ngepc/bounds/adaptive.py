@@ -12,11 +12,13 @@ import numpy as np
 from ngsolve import Mesh
 
 from ngepc._deprecated import renamed
-from ngepc.bounds.bound import ErrorBound, bound_and_search, data_on
+from ngepc.bounds.bound import ErrorBound, bound_and_search, data_on, thickened
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import COVERS as GOALS
-from ngepc.bounds.goal_bound import GoalBound, GoalProblem
+from ngepc.bounds.goal_bound import GoalBound, GoalProblem, thick_goal
+from ngepc.bounds.goal_terms import is_mean
+from ngepc.bounds.thickness import is_of_thickness_one, with_other_thickness
 from ngepc.bounds.transfer import (
     bisected_to,
     carried_state,
@@ -43,6 +45,9 @@ log = logging.getLogger(__name__)
 
 ALGEBRAIC_SHARE = 0.1
 """Newton iteration ends where its error is this share of the bound."""
+
+ENERGIES = ("energy", "total", "algebraic")
+"""Numbers of a ``MeshRecord`` that are energies."""
 
 # Newton pauses at a step that lowers the energy by less than this fraction of the last bound
 SMALL_STEP = 0.1
@@ -201,6 +206,8 @@ def solve_to(
     options = Refinement() if options is None else options
     require_instance("options", options, Refinement, "Refinement(...)")
     check_carried(problem)
+    if not is_of_thickness_one(problem):
+        return thick_run(problem, relative_error, options, monitor, goal, percent)
     records: list[MeshRecord] = []
     state = first_state(problem)
     small = 0.0
@@ -230,6 +237,35 @@ def solve_to(
             return replace(here, message=message)
         state = carried_state(result, discrete_on(result, mesh, parents), parents)
         small = SMALL_STEP * bound.total
+
+
+def thick_run(
+    problem: Problem,
+    relative_error: float,
+    options: Refinement,
+    monitor: Callable[[MeshRecord], None] | None,
+    goal: object,
+    percent: float,
+) -> BoundedResult:
+    """``solve_to`` for a body of another thickness than one, from that of thickness one."""
+    t = problem.kinematics.thickness
+    size = 1.0 if is_mean(goal) else t
+    records: list[MeshRecord] = []
+
+    def thick(record: MeshRecord) -> None:
+        """Keep the record of the given thickness, and pass it on."""
+        energies = {name: t * getattr(record, name) for name in ENERGIES}
+        ends = {name: size * getattr(record, name) for name in ("lower", "upper")}
+        records.append(replace(record, **energies, **ends))
+        if monitor is not None:
+            monitor(records[-1])
+
+    flat = replace(problem, thickness=None)
+    run = solve_to(flat, relative_error, options, thick, goal=goal, percent=percent)
+    result = with_other_thickness(run.result, problem.thickness)
+    interval = None if run.goal is None else thick_goal(run.goal, result.problem)
+    bound = thickened(run.bound, result.problem)
+    return replace(run, result=result, bound=bound, records=records, goal=interval)
 
 
 def first_state(problem: Problem) -> State:

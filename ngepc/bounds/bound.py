@@ -37,6 +37,7 @@ from ngepc.bounds.held import holding_pressure
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.sizes import check_sizes
 from ngepc.bounds.solid import SolidBoundData
+from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
 from ngepc.bounds.transfer import check_free_of_functions
 from ngepc.bounds.upper_energy import changes
 from ngepc.checks.sentences import at_most_percent, in_words, outward
@@ -60,7 +61,8 @@ class ErrorBound:
     Parameters
     ----------
     state
-        The displacement u of the bound; J(u) - inf J is its energy error.  Where few elements have
+        The displacement u of the bound; J(u) - inf J is its energy error.  It is that of a body of
+        thickness one; all energies here are those of the given thickness.  Where few elements have
         most of the error, it is a function on a bisected copy of the mesh, see ``given``.  For
         quadrilaterals and hexahedra it is a function v on simplices that is equal to u on the edges
         of the elements.
@@ -152,7 +154,8 @@ class ErrorBound:
         Elastic and hardening energy, and the dissipation of the step.
         """
         discrete = self.state.discrete
-        return discrete.points.integral(discrete.law.spent(self.state.at))
+        spent = discrete.points.integral(discrete.law.spent(self.state.at))
+        return self.problem.kinematics.thickness * spent
 
     @property
     def relative(self) -> float:
@@ -221,6 +224,8 @@ def error_bound(result: object) -> ErrorBound:
     """
     problem = solved_problem(result)
     check_covered(problem)
+    if not is_of_thickness_one(problem):
+        return thickened(error_bound(of_thickness_one(with_state(result))), problem)
     if has_more_corners(problem.mesh):
         check_free_of_functions(problem)
         result = with_state(result)
@@ -233,6 +238,20 @@ def error_bound(result: object) -> ErrorBound:
     check_sizes(result.state)
     bound = bound_on_copy(result)
     return bound or bound_of(data_on(result.discrete), result.state)
+
+
+def thickened(bound: ErrorBound, problem: Problem) -> ErrorBound:
+    """The bound of a body of thickness one for a problem of another thickness."""
+    t = problem.kinematics.thickness
+    return replace(
+        bound,
+        energy=t * bound.energy,
+        total=t * bound.total,
+        algebraic=t * bound.algebraic,
+        per_cell=t * bound.per_cell,
+        oscillation=t * bound.oscillation,
+        given=problem,
+    )
 
 
 def with_state(result: Any) -> ExactResult:

@@ -26,6 +26,8 @@ from ngepc.bounds.foundation import Foundation
 from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.bounds.polynomials import AT_POINTS, TO_NODES, portions
 from ngepc.bounds.simplices import Simplices, by_cells
+from ngepc.bounds.thickness import is_of_thickness_one
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
@@ -106,6 +108,10 @@ class BoundData:
     def __init__(self, discrete: DiscreteProblem) -> None:
         self.discrete = discrete
         self.problem = discrete.problem
+        if not is_of_thickness_one(self.problem):
+            raise ValueError(
+                f"thickness={in_words(self.problem.thickness)}: data of bounds need thickness=None"
+            )
         c = self.cells = Simplices.of(self.problem.mesh)
         self.boundary = Boundary(self.problem, c)
         self.each = len(discrete.points) // len(c.nodes)

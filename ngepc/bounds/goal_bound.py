@@ -30,14 +30,21 @@ import numpy as np
 from ngsolve import L2, GridFunction
 
 from ngepc.bounds.adjoint import Adjoint, AdjointProblem, Start
-from ngepc.bounds.bound import ErrorBound, bound_and_search, bound_data_of, state_of
+from ngepc.bounds.bound import (
+    ErrorBound,
+    bound_and_search,
+    bound_data_of,
+    state_of,
+    thickened,
+)
 from ngepc.bounds.counterpart import on_simplices
-from ngepc.bounds.coverage import COVERS as BOUNDED
+from ngepc.bounds.coverage import ANY_THICKNESS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_terms import GoalTerms, terms_of
 from ngepc.bounds.integrand import BoundPart, Integrand, VaryingIntegrand
 from ngepc.bounds.resultant import largest_resultant
 from ngepc.bounds.sub_elements import SubElements
+from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
 from ngepc.bounds.transfer import on_matching
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import interval_in_words
@@ -110,7 +117,8 @@ class GoalBound:
     per_cell
         The contribution of each cell to half the width, nonnegative up to rounding.
     pair, terms
-        The admissible pair of the adjoint, and the goal as loads and contact facets.
+        The admissible pair of the adjoint, and the goal as loads and contact facets; of a body of
+        thickness one.
     note
         How the goal was changed to make it continuous.
     """
@@ -198,6 +206,22 @@ def interval_of_elements(
     return replace(goal, bound=bound, per_cell=per_cell)
 
 
+def thick_goal(goal: GoalBound, problem: Problem) -> GoalBound:
+    """The interval of a body of thickness one for a problem of another thickness."""
+    t = problem.kinematics.thickness
+    size = 1.0 if goal.terms.is_mean else t
+    return replace(
+        goal,
+        lower=size * goal.lower,
+        upper=size * goal.upper,
+        discrete=size * goal.discrete,
+        bound=thickened(goal.bound, problem),
+        adjoint=size**2 / t * goal.adjoint,
+        factor=size / t * goal.factor,
+        per_cell=size * goal.per_cell,
+    )
+
+
 @one_blas_thread
 def goal_bound(result: object, goal: object) -> GoalBound:
     """A guaranteed interval of a force or a displacement of the continuous solution.
@@ -236,7 +260,8 @@ class GoalProblem:
 
     def __init__(self, result: ExactResult) -> None:
         check_goals(result.problem)
-        given = on_simplices(result)
+        thick = result.problem
+        given = on_simplices(of_thickness_one(result))
         result, parents = on_matching(given)
         bound_data = bound_data_of(result.discrete)
         tangent = Factors(bound_data.discrete, "sparsecholesky")
@@ -245,6 +270,8 @@ class GoalProblem:
         self._take(bound_data, bound, tangent, search)
         if parents is not None:
             self._copied = given.problem, parents
+        if not is_of_thickness_one(thick):
+            self._thick = thick
 
     @classmethod
     def of_bound(
@@ -283,6 +310,7 @@ class GoalProblem:
                 "tractions that are affine"
             )
         self._copied: tuple[Problem, np.ndarray] | None = None
+        self._thick: Problem | None = None
         self.bound_data = bound_data
         self.bound = bound
         self._adjoints = AdjointProblem(
@@ -314,11 +342,9 @@ class GoalProblem:
         start = self._adjoints.start(terms)
         best = self._best(start, self._first(start) if near is None else near)
         found = self._interval(terms, best.finite(), discrete)
-        return (
-            found
-            if self._copied is None
-            else interval_of_elements(found, *self._copied)
-        )
+        if self._copied is not None:
+            found = interval_of_elements(found, *self._copied)
+        return found if self._thick is None else thick_goal(found, self._thick)
 
     def _first(self, start: Start) -> float:
         """The first lambda for a goal; what suffices if its adjoint does not move."""

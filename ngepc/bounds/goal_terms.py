@@ -118,6 +118,9 @@ class GoalTerms:
         Minus the unit motion of the support of a reaction, (nodes, N); None if there is none.
     note
         What was replaced to make the goal continuous; may be empty.
+    is_mean
+        Whether it is a mean displacement, which has the same value for every thickness; other goals
+        are forces and works, which are those of the whole thickness.
     lower
         The same goal for ``BoundData.lower``; None if that is None.
     """
@@ -128,6 +131,7 @@ class GoalTerms:
     motion: np.ndarray | None = field(repr=False)
     note: str = ""
     lower: GoalTerms | None = None
+    is_mean: bool = False
 
     def forces(self, bound_data: BoundData) -> np.ndarray:
         """Nodal forces of the load, (nodes, N)."""
@@ -177,10 +181,17 @@ def terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
     """
     if isinstance(goal, GoalTerms):
         return goal
-    terms = _terms_of(goal, bound_data)
+    terms = replace(_terms_of(goal, bound_data), is_mean=is_mean(goal))
     if bound_data.lower is None:
         return terms
     return replace(terms, lower=_terms_of(goal, bound_data.lower))
+
+
+def is_mean(goal: object) -> bool:
+    """Whether a goal is a mean displacement: no force, no work."""
+    if isinstance(goal, GoalTerms):
+        return goal.is_mean
+    return isinstance(goal, MeanDisplacement) or hasattr(goal, "point")
 
 
 def _along(what: str, place: str, goal: Any) -> str:
