@@ -22,7 +22,7 @@ METHODS = {
     "exact": solver.COVERS,
     "primal": energy.COVERS,
     "gamma": blocks.COVERS,
-    "bound": bounds.ANY_THICKNESS,
+    "bound": bounds.COVERS,
     "goal": goal_bound.COVERS,
     "receipt": receipt.COVERS,
     "bracket": goals.COVERS,

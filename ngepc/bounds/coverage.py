@@ -29,14 +29,11 @@ COVERS = (
     | HISTORY_FEATURES
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
     | {"anisotropic yield", "cyclic hardening", "quadrilaterals", "springs"}
-    | {"rate", "two bodies", "held by contact", "hexahedra"}
+    | {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
 )
-"""Features that guaranteed bounds of bodies of thickness one cover.
+"""Features that guaranteed bounds cover.
 
 Two bodies and parts that contact alone holds in the plane and without friction."""
-
-ANY_THICKNESS = COVERS | {"thickness"}
-"""Features that guaranteed bounds cover; those of other thicknesses are made from these."""
 
 HELD = frozenset({"two bodies", "held by contact"})
 """Features that bounds cover in the plane without friction."""
@@ -205,13 +202,13 @@ def check_features(problem: Problem) -> None:
     advice = "; error_indicators(result) estimates, without a guarantee"
     if has_straight_simplices(problem.mesh):
         advice = ""
-    require_covered(problem, "a bound", ANY_THICKNESS, advice)
+    require_covered(problem, "a bound", COVERS, advice)
     if problem.N == 3:
         require_covered(problem, "a bound in three dimensions", COVERS - HELD)
     if problem.friction is not None:
-        require_covered(problem, "a bound with friction", ANY_THICKNESS - HELD)
+        require_covered(problem, "a bound with friction", COVERS - HELD)
     if FEATURES["quadrilaterals"].found(problem):
-        require_covered(problem, "a bound on quadrilaterals", ANY_THICKNESS - HELD)
+        require_covered(problem, "a bound on quadrilaterals", COVERS - HELD)
     if FEATURES["hexahedra"].found(problem):
         check_hexahedra(problem.mesh)
         if problem.order == 2:
@@ -220,7 +217,7 @@ def check_features(problem: Problem) -> None:
     check_pairs(problem)
     for feature, what in ON_PARALLELOGRAMS.items():
         if FEATURES[feature].found(problem) and not is_bilinear(problem):
-            covers = ANY_THICKNESS - {"quadrilaterals", "hexahedra"}
+            covers = COVERS - {"quadrilaterals", "hexahedra"}
             advice = ", or parallelograms and order=1" if problem.N == 2 else ""
             require_covered(problem, what, covers, advice)
 

@@ -38,7 +38,7 @@ from ngepc.bounds.bound import (
     thickened,
 )
 from ngepc.bounds.counterpart import on_simplices
-from ngepc.bounds.coverage import ANY_THICKNESS as BOUNDED
+from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_terms import GoalTerms, terms_of
 from ngepc.bounds.integrand import BoundPart, Integrand, VaryingIntegrand

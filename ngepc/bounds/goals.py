@@ -24,7 +24,7 @@ import numpy as np
 from ngepc._deprecated import old_names
 from ngepc.bounds.adaptive import SOLVED, TOLERANCE
 from ngepc.bounds.bound import ErrorBound, error_bound
-from ngepc.bounds.coverage import ANY_THICKNESS as BOUNDED
+from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words, interval_in_words
 from ngepc.discretisation.loads import applied_forces

@@ -42,7 +42,7 @@ from ngepc.results.files import check_writable
 
 COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
 COVERS -= {"anisotropic yield", "cyclic hardening", "springs"}
-COVERS -= {"rate", "two bodies", "held by contact", "hexahedra"}
+COVERS -= {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
 """Features that receipts cover."""
 
 FINE = 0.1
