@@ -207,7 +207,18 @@ def solve_to(
     require_instance("options", options, Refinement, "Refinement(...)")
     check_carried(problem)
     if not is_of_thickness_one(problem):
-        return thick_run(problem, relative_error, options, monitor, goal, percent)
+        return thick_run(problem, tolerance, options, monitor, goal)
+    return refined(problem, tolerance, options, monitor, goal)
+
+
+def refined(
+    problem: Problem,
+    tolerance: float,
+    options: Refinement,
+    monitor: Callable[[MeshRecord], None] | None,
+    goal: object,
+) -> BoundedResult:
+    """Solve on meshes that follow the indicators, until the relative error is small enough."""
     records: list[MeshRecord] = []
     state = first_state(problem)
     small = 0.0
@@ -241,13 +252,12 @@ def solve_to(
 
 def thick_run(
     problem: Problem,
-    relative_error: float,
+    tolerance: float,
     options: Refinement,
     monitor: Callable[[MeshRecord], None] | None,
     goal: object,
-    percent: float,
 ) -> BoundedResult:
-    """``solve_to`` for a body of another thickness than one, from that of thickness one."""
+    """The same for a body of another thickness than one, from that of thickness one."""
     t = problem.kinematics.thickness
     size = 1.0 if is_mean(goal) else t
     records: list[MeshRecord] = []
@@ -260,8 +270,7 @@ def thick_run(
         if monitor is not None:
             monitor(records[-1])
 
-    flat = replace(problem, thickness=None)
-    run = solve_to(flat, relative_error, options, thick, goal=goal, percent=percent)
+    run = refined(replace(problem, thickness=None), tolerance, options, thick, goal)
     result = with_other_thickness(run.result, problem.thickness)
     interval = None if run.goal is None else thick_goal(run.goal, result.problem)
     bound = thickened(run.bound, result.problem)
