@@ -68,9 +68,9 @@ A method may cover two features but not both at once. These pairs are refused, t
   on faces (quadratic for order 2), the bound is one for a displacement that is moved clear of it.
 - Bounds, goals and brackets of two bodies, and of parts that contact alone holds, are for plane
   problems without friction. The first boundary of a pair must be straight, and the bodies are not
-  tied. `contact_force_bracket` covers no two bodies.
-- `evolve(error=...)` covers no two bodies, no parts that contact alone holds, no quadrilaterals, no
-  hexahedra, no Hill's criterion and no sub-elements.
+  tied.
+- `evolve(error=...)` with Hill's criterion or sub-elements needs triangles or tetrahedra and
+  `order=1`. Quadrilaterals and hexahedra are cut into these, with displacements of order 2.
 - Receipts in three dimensions need `order=1`. They need obstacles that are affine on each facet
   of the contact boundary.
 

@@ -42,15 +42,17 @@ def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
     """The state of a result on a bisected copy of its mesh, and the parents of the elements.
 
     None where no element stands out, in three dimensions, where data belong to the mesh, and where
-    there are no indicators.  For two bodies the copy matches where they meet.
+    there are no indicators.  For two bodies the copy always matches where they meet.
     """
     problem = result.problem
-    if problem.N == 3 or not is_covered(problem, ESTIMATED) or not_carried(problem):
+    if problem.N == 3 or not_carried(problem):
         if problem.contact_pairs:
             check_carried(problem)
         return None
-    indicators = error_indicators(result).vec.FV().NumPy()
-    found = bisected_where_outstanding(problem.mesh, indicators)
+    found = None
+    if is_covered(problem, ESTIMATED):
+        indicators = error_indicators(result).vec.FV().NumPy()
+        found = bisected_where_outstanding(problem.mesh, indicators)
     found = with_matching(problem, found)
     if found is None:
         return None

@@ -252,7 +252,8 @@ def goal_bound(result: object, goal: object) -> GoalBound:
 def check_goals(problem: Problem) -> None:
     """Refuse problems without goal bounds by name; what error bounds refuse is left to them."""
     bounded = FEATURES.keys() - BOUNDED
-    require_covered(problem, "a goal bound", COVERS | bounded)
+    advice = "; displacement_bracket(result, ...) covers it"
+    require_covered(problem, "a goal bound", COVERS | bounded, advice)
 
 
 class GoalProblem:

@@ -11,6 +11,9 @@ and slopes of chords bound slopes of tangents: with upper and lower bounds of en
     (L(0) - U(-t)) / t  <=  int P <=  (U(t) - L(0)) / t.
 
 The width falls as the square root of the energy error: the goal itself is far more accurate.
+
+The gap between two bodies is that of the mesh and has no nearby values: the bracket of the force
+between them is the interval of ``goal_bound``.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from ngepc._deprecated import old_names
 from ngepc.bounds.adaptive import SOLVED, TOLERANCE
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.coverage import COVERS as BOUNDED
+from ngepc.bounds.goal_bound import goal_bound
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words, interval_in_words
 from ngepc.discretisation.loads import applied_forces
@@ -36,7 +40,7 @@ from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 
 COVERS = BOUNDED
-"""Features that brackets cover; those of contact forces not two bodies, whose gap is the mesh's."""
+"""Features that brackets cover."""
 
 PASSES = 3  # largest number of lengths that are tried on each side
 MOST_STEPS = 100  # Newton steps of each solve
@@ -84,7 +88,7 @@ def contact_force_bracket(result: ExactResult) -> Bracket:
     ----------
     result
         A result of ``semismooth_newton`` without gamma; its problem is solved two to six times
-        more, from there.
+        more, from there, but for two bodies, see ``goal_bound``.
 
     Raises
     ------
@@ -94,7 +98,11 @@ def contact_force_bracket(result: ExactResult) -> Bracket:
     require_instance("result", result, ExactResult, "a result without gamma")
     problem = result.problem
     force = float(result.contact_force)
-    require_covered(problem, "a bracket of a contact force", COVERS - {"two bodies"})
+    require_covered(problem, "a bracket of a contact force", COVERS)
+    if problem.contact_pairs:
+        found = goal_bound(result, "contact_force")
+        ends = max(found.lower, 0.0), found.upper
+        return Bracket(*ends, force, found.guaranteed, found.message)
     if not problem.contact_names:
         raise ValueError("contact=None: a contact force needs contact")
 

@@ -213,9 +213,16 @@ def _estimated(result: object, problem: Problem, reason: str) -> str:
         part = change / size if size else 0.0
         return (
             f"Estimate by {name}, not guaranteed: the energy changes by {in_percent(part)}. "
-            f"No bound: {reason}"
+            f"No bound: {sentence(reason)}"
         )
-    return f"No estimate: {'; '.join(failures)}. No bound: {reason}"
+    different = dict.fromkeys(failure.rstrip(".") for failure in failures)
+    failed = sentence("; ".join(different) or "the mesh cannot be refined")
+    return f"No estimate: {failed} No bound: {sentence(reason)}"
+
+
+def sentence(text: str) -> str:
+    """The text with a full stop at its end."""
+    return text.rstrip(".") + "."
 
 
 def _other_order(problem: Problem) -> Problem | None:

@@ -27,8 +27,10 @@ from typing import Protocol
 import numpy as np
 
 from ngepc.bounds.bound import error_bound
+from ngepc.checks.arguments import is_number
 from ngepc.local.result import ExactResult
 from ngepc.model.data import same_fields
+from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 
 PROVED = {
@@ -88,9 +90,9 @@ def distance_of(steps: Sequence[SolvedStep]) -> DistanceBound:
     material = problems[0].material
     changed = [not same_fields(problems[0], p, "springs") for p in problems]
     found = {
-        "contact": any(problem.contact_names for problem in problems),
+        "contact": any(p.contact_names or p.contact_pairs for p in problems),
         "order 2": any(problem.order == 2 for problem in problems),
-        "material": any(problem.material is not material for problem in problems),
+        "material": not all(same_data(p.material, material) for p in problems),
         "law": material.law is not None,
         "springs": any(changed),
     }
@@ -99,3 +101,9 @@ def distance_of(steps: Sequence[SolvedStep]) -> DistanceBound:
     text = f"Not proved for {', '.join(reasons)}." if reasons else ""
     message = " ".join(filter(None, [text, *sorted(messages)]))
     return DistanceBound(np.sqrt(2 * np.cumsum(totals)), message)
+
+
+def same_data(one: Material, other: Material) -> bool:
+    """Whether two materials have the same data: a mesh that was refined has a copy of its own."""
+    pairs = [(value, vars(other)[name]) for name, value in vars(one).items()]
+    return all(a is b or (is_number(a) and is_number(b) and a == b) for a, b in pairs)

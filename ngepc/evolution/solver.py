@@ -16,7 +16,7 @@ from ngsolve import GridFunction
 
 from ngepc.bounds.adaptive import SMALLEST_ERROR, Refinement, next_mesh
 from ngepc.bounds.bound import ErrorBound, error_bound
-from ngepc.bounds.coverage import HELD
+from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.goals import COVERS
 from ngepc.bounds.transfer import carried_function, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
@@ -33,7 +33,8 @@ from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.cores import crew
 from ngepc.local.solver import RepeatedSolver
-from ngepc.model.features import require_covered
+from ngepc.model.elements import has_more_corners
+from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.own import OwnCopies
 from ngepc.model.problem import Problem
 from ngepc.results.fields import Fields
@@ -46,9 +47,8 @@ log = logging.getLogger(__name__)
 UNCUT = (Status.STOPPED, Status.MESH_LIMIT)
 """Statuses that a shorter step would not change."""
 
-REFINED = COVERS - HELD - {"quadrilaterals", "hexahedra"}
-REFINED -= {"anisotropic yield", "cyclic hardening"}
-"""Features of steps with bounds: a plastic strain varies inside other elements."""
+CONSTANT = ("anisotropic yield", "cyclic hardening")
+"""Features whose bounds need a plastic strain that is constant on each element."""
 
 IN_MEMORY = 2
 """The last steps, from which the next one starts: their arrays are in memory, not in a file."""
@@ -128,7 +128,8 @@ def evolve(
         Refine the mesh in a step until ``ErrorBound.relative`` of the step, from the history that
         it starts with, is at most this; ``StepRecord.error_bound`` and ``.nodes`` say how it went.
         With order 2 the variable of isotropic hardening passes on to the next step as its mean over
-        each element.  None for the mesh as it is.
+        each element.  Quadrilaterals and hexahedra are cut into triangles and tetrahedra with
+        displacements of order 2.  None for the mesh as it is.
     refinement
         Options of the refinement; None for ``Refinement()``.
     accuracy
@@ -198,6 +199,15 @@ def check_alone(name: str, value: float, steps: object, **others: object) -> Non
             )
 
 
+def check_refined(step: Problem) -> None:
+    """Refuse a step whose bound is not known, or not that of the next one."""
+    check_carried(step)
+    for feature in CONSTANT:
+        if FEATURES[feature].found(step):
+            covers = COVERS - {"order 2", "quadrilaterals", "hexahedra"}
+            require_covered(step, f"error=... with {feature}", covers)
+
+
 @dataclass(eq=False)
 class _Run:
     problem: Problem
@@ -211,6 +221,9 @@ class _Run:
     start: GridFunction | None = None  # the displacement of the last step
 
     def __post_init__(self) -> None:
+        if self.error is not None and has_more_corners(self.problem.mesh):
+            check_refined(self.problem)
+            self.problem = problem_on_simplices(self.problem)
         self.evolution = Evolution(self.problem, [], Memory.initial(self.problem))
         self._own = OwnCopies()
         self._store = Store()
@@ -219,8 +232,7 @@ class _Run:
         for time in self.schedule.times:
             step = self._checked_step(time)
             if self.error is not None:
-                check_carried(step)
-                require_covered(step, "error=...", REFINED)
+                check_refined(step)
         # (end, halvings)
         self.pending = [(time, 0) for time in reversed(self.schedule.times)]
 

@@ -191,14 +191,18 @@ def test_solve_to_and_verdict():
 
 
 def test_brackets():
-    """That of a displacement holds the interval; the gap of two bodies cannot be moved."""
+    """That of a displacement holds the interval; that of the force is one, around its load of 1."""
     result = semismooth_newton(pressed(2))
     bracket = displacement_bracket(result, {"top": (0.0, 1.0)})
     found = goal_bound(result, MeanDisplacement("top", 1))
     assert bracket.lower < found.lower < found.upper < bracket.upper
     assert bracket.guaranteed
-    with pytest.raises(ValueError, match="a bracket of a contact force needs rigid"):
-        contact_force_bracket(result)
+    force = contact_force_bracket(result)
+    assert (force.lower, force.upper) == goal_bound(result, "contact_force").interval
+    assert force.lower < 1.0 + 1e-9
+    assert force.upper > 1.0 - 1e-9
+    assert force.relative < 1e-4
+    assert force.guaranteed
 
 
 def rigid_works():

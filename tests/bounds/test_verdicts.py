@@ -12,6 +12,7 @@ from ngepc import (
     Point,
     Problem,
     confidence,
+    error_bound,
     evolve,
     load_cycle,
     semismooth_newton,
@@ -130,6 +131,18 @@ def test_every_feature_has_its_line(feature):
     line = confidence(result)
     assert line.startswith(("Guaranteed: ", "Estimate by "))
     assert "percent" in line
+    assert line.endswith(".")
+    assert ".." not in line
+
+
+@pytest.mark.parametrize("law", ["anisotropic yield", "cyclic hardening"])
+def test_two_bodies_with_any_law_have_a_bound(law):
+    """The meshes match on a copy, also where no indicators say which elements stand out."""
+    problem = replace(problem_with("two bodies"), **CHANGES[law])
+    coarse = error_bound(semismooth_newton(problem))
+    fine = solve_to(problem, 0.05).bound
+    assert coarse.guaranteed
+    assert max(coarse.least_energy, fine.least_energy) < min(coarse.energy, fine.energy)
 
 
 def test_confidence_in_a_step_whose_hardening_falls_below_zero_between_points():

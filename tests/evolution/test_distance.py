@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from featured import problem_with
 
 from ngepc import Material, Norton, Problem, evolve, load_cycle
 from ngepc.bounds.transfer import bisected, on_mesh
@@ -87,6 +88,19 @@ def test_with_contact_it_is_an_estimate():
     bound = evolve(pushed, [(1.0, {})]).distance_bound
     assert not bound.guaranteed
     assert "contact" in bound.message
+    two = evolve(problem_with("two bodies"), [(1.0, {})]).distance_bound
+    assert two.message == "Not proved for unilateral contact."
+
+
+def test_finer_meshes_have_the_same_material():
+    """Their copies of the data are no change between steps; other data are one."""
+    plate = pulled(MATERIALS["kinematic"])
+    history = evolve(plate, load_cycle(plate, [1.0]), error=0.4)
+    assert history.steps[-1].record.nodes > plate.mesh.nv
+    assert history.distance_bound.guaranteed
+    other = {"material": Material.kinematic(**ELASTIC, hardening=2e2)}
+    changed = evolve(plate, [(1.0, {}), (2.0, other)]).distance_bound
+    assert "a material that changes between steps" in changed.message
 
 
 def test_springs_may_not_change():

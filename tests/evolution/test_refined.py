@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from featured import problem_with
 from ngsolve import Integrate, Mesh, y
 
 from ngepc import Material, Problem, Voce, evolve, load_cycle, semismooth_newton
@@ -196,3 +197,41 @@ def test_what_no_bound_covers_is_refused_before_any_work():
     problem = pulled()
     with pytest.raises(ValueError, match="leave one out"):
         evolve(problem, load_cycle(problem, [1]), error=0.1, checkpoint="kept.npz")
+
+
+BUDGET = {"hexahedra": 0.4, "anisotropic yield": 0.2, "cyclic hardening": 0.2}
+WIDER = ("two bodies", "held by contact", "anisotropic yield", "cyclic hardening")
+
+
+@pytest.mark.parametrize("feature", [*WIDER, "quadrilaterals", "hexahedra"])
+def test_meshes_follow_the_bound_with_every_feature_that_bounds_cover(feature):
+    """Of the second step, which starts from plastic strains of the first one, too."""
+    problem = problem_with(feature)
+    budget = BUDGET.get(feature, 0.13)
+    pairs = [(0.5, {}), (1.0, {})]
+    if feature != "two bodies":
+        pairs = load_cycle(problem, [1.0], steps=2)
+    history = evolve(problem, pairs, error=budget)
+    assert history.status.label == "converged"
+    assert max(history.column("error_bound")) <= budget
+    last = history.steps[-1].problem
+    own = error_bound(semismooth_newton(last))
+    assert own.relative == pytest.approx(history.column("error_bound")[-1], rel=1e-2)
+    assert own.guaranteed
+    assert last.mesh.ne > problem.mesh.ne
+
+
+@pytest.mark.parametrize("feature", ["anisotropic yield", "cyclic hardening"])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"order": 2}, "order=2: error=... with"),
+        ({"mesh": block.structured_mesh(2, 2)}, "quadrilaterals: error=... with"),
+    ],
+)
+def test_plastic_strains_that_vary_inside_elements_are_refused_at_once(
+    feature, change, words
+):
+    problem = replace(problem_with(feature), **change)
+    with pytest.raises(ValueError, match=words):
+        evolve(problem, load_cycle(problem, [1.0]), error=0.1)
