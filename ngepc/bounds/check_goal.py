@@ -45,19 +45,61 @@ except ImportError:  # the two files alone, in one folder
 Body = energy.Body
 inner = energy.inner
 size = energy.size
-NUMBERS = (  # z, T, q, F, G, V, c of 6
-    "z NU, tau kcK, tau_carried K, goal_force NK, goal_pressure tB, goal_traction tNB, "
-    "goal_motion tNB, goal_contact B"
+TABLE = (  # z, T, q, F, G, V, c of 6
+    "z f8 NU, tau f8 kcvK, tau_passed f8 S, goal_force f8 NK, goal_pressure f8 tB, "
+    "goal_traction f8 tNB, goal_motion f8 tNB, goal_contact f8 B"
 )
 PART = 0.25  # c of 7
 WIDE = 10000  # products of conditions of what numbers of 7 are divided by
+PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # and back
+CHILDREN = {  # parts of a simplex by Bey; 21 is the mean of vertices 2 and 1
+    2: np.array([[0, 10, 20], [11, 21, 10], [22, 20, 21], [21, 20, 10]]),
+    3: np.array([[0, 10, 20, 30], [10, 11, 21, 31], [20, 21, 22, 32], [30, 31, 32, 33],
+                 [10, 20, 30, 31], [10, 20, 21, 31], [20, 30, 31, 32], [20, 21, 31, 32]]),
+}  # fmt: skip
 
 
-def with_coefficients(c: ndarray, k: int) -> ndarray:
-    """k coefficients of fields that are constant, affine, or have k coefficients."""
+def mapped(table: ndarray, x: ndarray) -> ndarray:
+    """Fields (k, ...) in the barycentric coordinates of simplices with vertices ``table``."""
+    if len(x) > table.shape[1]:
+        table = einsum("pia,pjb,abk->pijk", table, table, np.eye(6)[energy.BETWEEN])
+        table = table[:, PAIRS[:, 0], PAIRS[:, 1]]
+    return einsum("pij,j...->ip...", table, x)
+
+
+def parted(N: int, x: ndarray, law: ndarray) -> tuple[ndarray, ndarray]:
+    """Coefficients (k, c, K) on the parts of simplices; ``law`` ends with the volume."""
+    table = np.eye(N + 1)[[CHILDREN[N] // 10, CHILDREN[N] % 10]].mean(axis=0)
+    x = mapped(table, x).swapaxes(1, 2).reshape(*x.shape[:2], -1)
+    law = np.tile(law, len(table))
+    law[-1] /= len(table)
+    return x, law
+
+
+def above(r: Body, density: Callable, x: ndarray, law: ndarray) -> ndarray:
+    """Integrals of a function from above; the file says which simplices are cut."""
+    found = []
+    while x.shape[2]:
+        on = r.cut[: x.shape[2]]
+        energy.need(on.shape == (x.shape[2],), "cut: too short")
+        r.cut = r.cut[x.shape[2] :]
+        uncut = np.flatnonzero(~on)
+        on = np.flatnonzero(on)
+        here = law.take(uncut, axis=1)
+        found.append(here[-1] * density(r.N, x.take(uncut, axis=2), here))
+        x, law = parted(r.N, x.take(on, axis=2), law.take(on, axis=1))
+    return np.concatenate(found)
+
+
+def on_parts(r: Body, c: ndarray) -> ndarray:
+    """Fields on K (1 or N + 1, c, K) as fields (k, c, parts of K)."""
     if len(c) == 1:
-        return c.repeat(k, axis=0)
-    middle = (c[[1, 0, 0]] + c[[2, 2, 1]]) / 2 if len(c) < k else c[:0]
+        return np.tile(c, (r.k, 1, r.v))
+    table = np.tile(np.eye(r.v), (r.v, 1, 1))
+    own = np.arange(r.v)
+    table[own, own] = 1 / r.v
+    c = mapped(table, c).swapaxes(1, 2).reshape(*c.shape[:2], -1)
+    middle = (c[[1, 0, 0]] + c[[2, 2, 1]]) / 2 if len(c) < r.k else c[:0]
     return np.concatenate([c, middle])
 
 
@@ -81,7 +123,18 @@ def supremum(N: int, x: ndarray, law: ndarray) -> ndarray:
     rough = (beta * (far - k * beta) + missing).mean(axis=0)
     rough = np.minimum(rough, inner(y, y, N) / (4 * k))
     rough += (np.maximum(steep - loss, 0.0) ** 2).mean(axis=0) / (4 * bend)
+    on = np.flatnonzero(((steep > loss) | (far > 2 * k * beta)).any(axis=0))
+    near = np.array([beta, M, h, k, bend, loss, missing.max(axis=0)]).take(on, axis=1)
+    fine = along_one(N, y.take(on, axis=2), v.take(on, axis=2), near)
+    rough[on] = np.minimum(rough[on], fine)
+    return rough
 
+
+def along_one(N: int, y: ndarray, v: ndarray, law: ndarray) -> ndarray:
+    """The second bound of 7, with one g and one direction on each K; infinite if it fails."""
+    beta, M, h, k, bend, loss, missing = law
+    far = size(y)
+    steep = size(v)
     at = v.mean(axis=0)
     g = np.maximum(np.sqrt((at**2).sum(axis=0)) - loss, 0.0) / (2 * bend)
     n = beta * y.mean(axis=0) + g * at
@@ -89,17 +142,16 @@ def supremum(N: int, x: ndarray, law: ndarray) -> ndarray:
     y_n, y_across, Y = along(y, n)
     v_n, v_across, V = along(v, n)
     g = np.maximum(v_n.mean(axis=(0, 1)) - loss, 0.0) / (2 * bend)
-    clear = (far.max(axis=0) < 4 * Y) & (steep.max(axis=0) < 4 * V)
+    clear = (far < 4 * Y) & (steep < 4 * V)
     Y = np.where(clear, Y, 1.0)
     V = np.where(clear, V, 1.0)
-    aside = size(y_across)
-    turn = size(v_across)
-    lost = beta * (np.sqrt(Y**2 + aside**2) - Y)
+    lost = beta * (np.sqrt(Y**2 + size(y_across) ** 2) - Y)
     lost = np.maximum(lost - g * (V - loss - (1 + PART) * bend * g), 0.0)
     D = beta * Y + g * V
     least = beta * Y + PART * g * V
     e = beta * y_across + g * v_across
     off = size(e)
+    turn = size(v_across)
     b = bend - turn**2 / (2 * least) - V * off * turn / (D * least)
     clear &= b > bend / 4
     c = v_across.mean(axis=0)
@@ -108,15 +160,14 @@ def supremum(N: int, x: ndarray, law: ndarray) -> ndarray:
     rest = (np.sqrt(inner(X, X, N)) + Z) ** 2 / (4 * np.where(clear, b, 1.0))
     flat = k * (beta + M * g) * (beta + h * g)
     fine = (beta * y_n + g * v_n).mean(axis=(0, 1)) - flat + inner(e, e, N) / (2 * D)
-    fine += rest + missing.max(axis=0) + lost
-    return np.where(clear, np.minimum(rough, fine), rough)
+    return np.where(clear, fine + rest + missing + lost, np.inf)
 
 
 def check_adjoint(r: Body, factor: float) -> None:
     """The conditions of 6."""
     need = energy.need
-    need(factor > 0, "factor: not positive")
-    energy.need_numbers("factor", np.array([factor]))
+    usual = energy.SMALLEST < factor < 1 / energy.SMALLEST
+    need(usual, "factor: not positive, too large or too small")
     small = np.abs(r.goal_pressure) <= (1 - energy.EPS) * factor * r.pressure
     need(small.all(), "goal_pressure: larger than the factor times the pressure")
     most = factor * (1 - energy.EPS) * r.room
@@ -130,9 +181,9 @@ def interval(r: Body, factor: float, above: Callable) -> tuple[float, float]:
     N = r.N
     q = r.goal_pressure
     rest = energy.balance(r, r.tau, r.goal_force, r.goal_traction, q)
-    doubt = (energy.defect(r, rest, r.tau_carried) + factor * r.b) * r.root
+    doubt = (energy.defect(r, rest, r.tau_passed) + factor * r.b) * r.root
     trace, e, strain, missed = energy.strains(r, r.z)
-    m, d = energy.split(r, r.tau)
+    m, d = energy.split(r, r.tau.reshape(r.k, r.c, -1))
     done = energy.work(r, r.goal_force, r.goal_traction, r.u)
     gained = energy.work(r, r.body_force, r.traction, r.z)
     own = r.bulk * inner(r.trace, trace, N) + (r.back * e.mean(axis=0)).sum(axis=0)
@@ -140,42 +191,49 @@ def interval(r: Body, factor: float, above: Callable) -> tuple[float, float]:
     opened = inner(q[:, None], room, N - 1) * r.outer
     centre = np.concatenate([done[0], gained[0], -r.volume * own, opened])
     opening = inner(factor * r.pressure[:, None], room, N - 1) * r.outer
-    large = 3 * size(r.tau) + factor * r.large + r.stiff * (strain + factor * r.strain)
+    large = factor * r.large + r.stiff * (strain + factor * r.strain)
+    large += 3 * rest.size
     wrong = r.wrong * large + r.stiff * (missed + factor * r.missed)
     slack = WIDE * r.volume * r.soft / factor * large * wrong
     near = 10 * r.near * (np.abs(opening) + r.outer * size(q[:, None]) * size(room))
     always = [opening, slack, near, done[1], gained[1], [doubt]]
 
-    fields = (with_coefficients(field, r.k) for field in (r.trial, e, trace, r.trace))
-    trial, e, trace, own_trace = fields
-    law = np.array(
-        [factor / (2 * r.mu), 2 * r.mu + r.hardening, r.hardening, r.beta, r.volume]
-    )
+    trial, e, trace, own_trace = (on_parts(r, c) for c in (r.trial, e, trace, r.trace))
+    law = [
+        factor / (2 * r.mu),
+        2 * r.mu + r.hardening,
+        r.hardening,
+        r.beta,
+        r.volume / r.v,
+    ]
+    law = np.tile(law, r.v)
+    mu = np.tile(r.mu, r.v)
+    bulk = np.tile(r.bulk, r.v)
     ends = []
     for sign in (-1.0, 1.0):
-        mean = sign * (m - r.bulk * trace) + factor * (r.m - r.bulk * own_trace)
-        p = (sign * d + factor * r.shifted) / (2 * r.mu)
-        w = factor / (2 * r.mu) * trial - sign * e
-        inside = inner(mean, mean, N) / (4 * factor * r.bulk) - inner(p, trial, N)
+        mean = sign * (m - bulk * trace) + factor * (r.m - bulk * own_trace)
+        p = (sign * d + factor * r.shifted) / (2 * mu)
+        w = factor / (2 * mu) * trial - sign * e
+        inside = inner(mean, mean, N) / (4 * factor * bulk) - inner(p, trial, N)
         highest = above(r, supremum, np.concatenate([p, w], axis=1), law)
-        parts = sign * centre, *always, r.volume * inside, highest
+        parts = sign * centre, *always, law[-1] * inside, highest
         ends.append(sign * energy.summed(*parts))
     return tuple(ends)
 
 
 def opened_goal(file: Mapping[str, ndarray], header: dict) -> Body:
-    """The arrays of a receipt with types and shapes of the tables."""
+    """The arrays of a receipt, and what follows from them."""
     r = energy.opened(file, header)
     if "goal" in header:
-        numbers = file["goal"]
-        energy.need_numbers("goal", numbers)
-        vars(r).update(energy.unpacked(numbers, NUMBERS, vars(r)))
+        vars(r).update(energy.arrays_of(file["goal"], TABLE, vars(r)))
+        r.cut = file["cut"]
+        energy.need(r.cut.dtype == bool, "cut: of a wrong type")
     return r
 
 
-def proved_intervals(r: Body, header: dict, above: Callable = energy.above) -> dict:
+def proved_intervals(r: Body, header: dict, above: Callable = above) -> dict:
     """What a receipt proves; ValueError where it is not admissible."""
-    proved = dict(zip(("lower", "upper"), energy.energies(r, above), strict=True))
+    proved = dict(zip(("lower", "upper"), energy.energies(r), strict=True))
     if "goal" in header:
         factor = float(header["factor"])
         check_adjoint(r, factor)

@@ -1,9 +1,9 @@
 """Receipts: files that prove an interval of the least energy of a body, or of a goal.
 
 The file contains mesh, data, displacement, stress and contact pressure in the form that
-``check_receipt`` reads: each cell is cut into the N + 1 parts on which the stress of the error
-bound is a polynomial, and fields are given by Bernstein coefficients, first those of the vertices,
-then those of the edges opposite to them.
+``check_receipt`` reads: fields are given by Bernstein coefficients, first those of the vertices,
+then those of the edges opposite to them.  The stress is given on the N + 1 parts of each cell on
+which that of the error bound is a polynomial; in part k the centre takes the place of vertex k.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ngepc.bounds.data import BoundData
 from ngepc.bounds.goal_bound import GoalBound
 from ngepc.bounds.integrand import BoundPart
 from ngepc.bounds.polynomials import NODES, coefficients
-from ngepc.bounds.receipt_file import in_file_order
+from ngepc.bounds.receipt_file import in_file_order, numbered_sides
 from ngepc.bounds.simplices import FACETS
 from ngepc.checks.kinds import require_instance, require_path
 from ngepc.discretisation.factors import Factors
@@ -45,10 +45,8 @@ COVERS -= {"anisotropic yield", "cyclic hardening", "springs"}
 COVERS -= {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
 """Features that receipts cover."""
 
-FINE = 0.1
-"""Accuracy of the checker's plastic terms, relative to the bound."""
-FINE_GOAL = {(2, 1): 0.03, (2, 2): 0.06, (3, 1): 0.1}
-"""Accuracy of its suprema by (N, order), relative to the interval of a goal."""
+FINE = {(2, 1): 0.03, (2, 2): 0.06, (3, 1): 0.1}
+"""Accuracy of the checker's suprema by (N, order), relative to the interval of a goal."""
 CLEARANCE = 1e-11
 """Fraction of the largest displacement by which bodies are moved away from the obstacle."""
 CLEAR_OF_GOAL = 1e-6
@@ -121,7 +119,7 @@ def write_receipt(
     check_written(bound_data, bound)
     arrays, header = claims_of(bound_data, bound, goal)
     width = 0.0 if goal is None else goal.width
-    fine = FINE * bound.total, FINE_GOAL[problem.N, problem.order] * width
+    fine = FINE[problem.N, problem.order] * width
     members = in_file_order(arrays, header, fine)
     proved = check_goal.proved_intervals(
         check_goal.opened_goal(members, header), header
@@ -155,20 +153,20 @@ def claims_of(
         "kinematics": bound_data.problem.kinematics.name,
         "order": bound_data.problem.order,
     }
-    parts = PartedMesh(bound_data)
+    file = FileMesh(bound_data)
     largest = np.abs(bound.state.u).max(initial=0.0)
     clearance = CLEAR_OF_GOAL * largest
     if goal is None:
         clearance = CLEARANCE * largest
         u = clear_state(bound_data, bound.state, clearance)
-        return receipt_arrays(parts, bound, u), header
+        return receipt_arrays(file, bound, u), header
     # rounding of z . n must be less than lambda times the distance
     moves = max(np.abs(goal.pair.z).max(), goal.terms.factor.max(initial=0.0))
     factor = max(goal.factor * (1 + SPARE), NARROW * moves / clearance)
     clearance = NARROW * moves / factor
     u = clear_state(bound_data, bound.state, clearance)
-    arrays = receipt_arrays(parts, bound, u)
-    arrays |= goal_arrays(parts, goal, u)
+    arrays = receipt_arrays(file, bound, u)
+    arrays |= goal_arrays(file, goal, u)
     return arrays, header | {"goal": goal.name, "factor": factor}
 
 
@@ -200,24 +198,24 @@ def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
 
 
 def receipt_arrays(
-    parts: PartedMesh, bound: ErrorBound, u: np.ndarray
+    file: FileMesh, bound: ErrorBound, u: np.ndarray
 ) -> dict[str, np.ndarray]:
     """The arrays of a receipt of an energy for nodal displacements ``u``."""
-    bound_data = parts.bound_data
+    bound_data = file.bound_data
     stress = stress_coefficients(bound_data, bound)
-    u = parts.displacement(u)
+    u = file.displacement(u)
     boundary = boundary_arrays(bound_data, bound, u)
-    parts.set_on_supports(u, boundary, boundary["prescribed"])
-    mesh = {"points": parts.points, "cells": parts.cells, "u": u}
-    stress = {"stress": parts.turned(stress)}
+    file.set_on_supports(u, boundary, boundary["prescribed"])
+    mesh = {"points": file.points, "cells": file.cells, "sides": file.sides, "u": u}
+    stress = {"stress": file.turned(stress)}
     return mesh | stress | material_arrays(bound_data) | boundary
 
 
 def goal_arrays(
-    parts: PartedMesh, goal: GoalBound, u: np.ndarray
+    file: FileMesh, goal: GoalBound, u: np.ndarray
 ) -> dict[str, np.ndarray]:
     """The goal and its adjoint pair, for the nodal displacements ``u`` of the receipt."""
-    bound_data = parts.bound_data
+    bound_data = file.bound_data
     terms = goal.terms
     c = bound_data.cells
     conditions = AdjointConditions(bound_data, bound_data.contact.slack(u))
@@ -226,7 +224,7 @@ def goal_arrays(
     loaded = terms.load or bound_data.problem.changed(
         traction=None, body_force=None, pressure=None
     )
-    force = np.repeat(constant_force(loaded), c.N + 1, axis=0)
+    force = constant_force(loaded)
     traction = vertex_tractions(Boundary(loaded, c))
     at_rest = np.zeros((len(c.points), c.N))
     moved = at_rest if terms.motion is None else terms.motion[: len(c.points)]
@@ -245,9 +243,9 @@ def goal_arrays(
         "goal_force": force,
     }
     stress = BoundPart(bound_data, goal.bound).stress(goal.pair)
-    arrays["tau"] = parts.turned(tensor_coefficients(bound_data, stress))
-    arrays["z"] = parts.displacement(z)
-    parts.set_on_supports(arrays["z"], boundary, arrays["goal_motion"])
+    arrays["tau"] = file.turned(tensor_coefficients(bound_data, stress))
+    arrays["z"] = file.displacement(z)
+    file.set_on_supports(arrays["z"], boundary, arrays["goal_motion"])
     return arrays
 
 
@@ -266,87 +264,63 @@ def clear_state(bound_data: BoundData, state: State, clearance: float) -> np.nda
     return contact.cleared(state.u)
 
 
-class PartedMesh:
-    """The mesh of the N + 1 parts of each cell; a part consists of a facet and the centre.
-
-    ``points`` are the vertices of the mesh and the centres.  ``cells`` are the vertices of the
-    parts, ascending, for order two followed by the numbers of the edges opposite to them.
-    """
+class FileMesh:
+    """The mesh of a file: ``cells`` with ascending vertices, and the places of their ``sides``."""
 
     def __init__(self, bound_data: BoundData) -> None:
         c = bound_data.cells
         self.bound_data = bound_data
-        count = len(c.points)
-        centres = c.points[c.nodes].mean(axis=1)
-        self.points = np.concatenate([c.points, centres])
-        number = count + np.arange(len(c.nodes))
-        sides = c.nodes[:, np.array(FACETS[c.N])]
-        middle = np.broadcast_to(number[:, None, None], (*sides.shape[:2], 1))
-        corners = np.concatenate([sides, middle], axis=2).reshape(-1, c.N + 1)
-        self._order = corners.argsort(axis=1)
-        self.cells = np.take_along_axis(corners, self._order, axis=1)
-        if bound_data.problem.order == 2:
-            a = self.cells[:, [1, 0, 0]]
-            b = self.cells[:, [2, 2, 1]]
-            keys = self._key(a, b)
-            self._edges, edge = np.unique(keys, return_inverse=True)
-            edge = edge.reshape(keys.shape) + len(self.points)
-            self.cells = np.concatenate([self.cells, edge], axis=1)
-
-    def _key(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """One number for an edge with ascending ends."""
-        return a.astype(np.int64) * len(self.points) + b
-
-    def side_nodes(self, sides: np.ndarray) -> np.ndarray:
-        """The nodes of sides with ascending vertices: the vertices, and the edge for order two."""
-        if self.bound_data.problem.order == 1:
-            return sides
-        edge = np.searchsorted(self._edges, self._key(sides[:, 0], sides[:, 1]))
-        return np.column_stack([sides, len(self.points) + edge])
+        self.points = c.points
+        self._order = c.nodes.argsort(axis=1)
+        self.cells = np.take_along_axis(c.nodes, self._order, axis=1)
+        self.sides = numbered_sides(self.cells)
 
     def set_on_supports(
         self, u: np.ndarray, boundary: dict[str, np.ndarray], values: np.ndarray
     ) -> None:
         """Set coefficients at the nodes to ``values`` (sides, k, N) where supports hold them."""
-        nodes = self.side_nodes(boundary["boundary"])
+        nodes = boundary["boundary"]
+        if self.bound_data.problem.order == 2:
+            out = np.flatnonzero(self.sides[0] == self.sides[1])
+            nodes = np.column_stack([nodes, len(self.points) + out])
         held = np.repeat(boundary["held"][:, None], nodes.shape[1], axis=1)
         side, place, component = np.nonzero(held)
         u[nodes[side, place], component] = values[held]
 
     def turned(self, c: np.ndarray) -> np.ndarray:
-        """Coefficients on the parts (parts, k, ...), reordered as the vertices of ``cells``."""
-        order = self._order
-        if c.shape[1] > order.shape[1]:
-            order = np.concatenate([order, order + order.shape[1]], axis=1)
-        places = order.reshape(*order.shape, *[1] * (c.ndim - 2))
-        return np.take_along_axis(c, places, axis=1)
+        """Coefficients on the parts (cells, parts, k, ...), reordered as the vertices of cells.
+
+        On part k they are given at the vertices of facet k, and at the centre.
+        """
+        N = self.bound_data.cells.N
+        place = np.array(
+            [
+                [FACETS[N][k].index(v) if v != k else N for v in range(N + 1)]
+                for k in range(N + 1)
+            ]
+        )
+        part = self._order[:, :, None]
+        place = place[part, self._order[:, None]]
+        if c.shape[1] > N + 1:
+            place = np.concatenate([place, place + N + 1], axis=2)
+        c = c.reshape(len(self.cells), N + 1, *c.shape[1:])
+        cell = np.arange(len(c))[:, None, None]
+        return c[cell, part, place]
 
     def displacement(self, u: np.ndarray) -> np.ndarray:
-        """Coefficients at the nodes from nodal displacements of the discrete problem."""
-        c = self.bound_data.cells
-        at_vertices = u[c.nodes]
-        vertices = u[: len(c.points)]
+        """Coefficients at vertices, and sides for order two, from nodal displacements."""
+        vertices = u[: len(self.points)]
         if self.bound_data.problem.order == 1:
-            return np.concatenate([vertices, at_vertices.mean(axis=1)])
+            return vertices.copy()
         nodes = self.bound_data.discrete.points.blocks[0].nodes
-        values = np.zeros((len(self._edges), c.N))
-        to_centre = np.zeros((len(nodes), 3, c.N))
-        centre = np.zeros((len(nodes), c.N))
-        for corner in range(3):
-            to_centre[:, corner] += u[nodes[:, corner]] / 3
-            centre += u[nodes[:, corner]] / 9
+        on_edges = np.zeros((len(nodes), 3, u.shape[1]))
         for k, (i, j) in enumerate(EDGES[2]):
             ends = np.sort(nodes[:, [i, j]], axis=1)
-            mean = (u[ends[:, 0]] + u[ends[:, 1]]) / 2 + BUBBLE / 2 * u[nodes[:, 3 + k]]
-            values[np.searchsorted(self._edges, self._key(*ends.T))] = mean
-            to_centre[:, i] += mean / 3
-            to_centre[:, j] += mean / 3
-            centre += 2 * mean / 9
-        number = len(c.points) + np.arange(len(nodes))
-        for corner in range(3):
-            edge = np.searchsorted(self._edges, self._key(nodes[:, corner], number))
-            values[edge] = to_centre[:, corner]
-        return np.concatenate([vertices, centre, values])
+            mean = (u[ends[:, 0]] + u[ends[:, 1]]) / 2
+            on_edges[:, 3 - i - j] = mean + BUBBLE / 2 * u[nodes[:, 3 + k]]
+        order = nodes[:, :3].argsort(axis=1)
+        side, cell = np.divmod(self.sides[0], len(nodes))
+        return np.concatenate([vertices, on_edges[cell, order[cell, side]]])
 
 
 def stress_coefficients(bound_data: BoundData, bound: ErrorBound) -> np.ndarray:
@@ -377,22 +351,20 @@ def constant_force(problem: Problem) -> np.ndarray:
 
 
 def material_arrays(bound_data: BoundData) -> dict[str, np.ndarray]:
-    """Material, history and body force of each part."""
+    """Material, history and body force of each cell."""
     law = bound_data.discrete.law
     points = bound_data.discrete.points
     problem = bound_data.problem
-    parts = bound_data.cells.N + 1
     basis = problem.kinematics.basis
 
     def spread(values: np.ndarray) -> np.ndarray:
-        """One value for each part from one for each point."""
-        return np.repeat(np.asarray(values)[:: bound_data.each], parts, axis=0)
+        """One value for each cell from one for each point."""
+        return np.asarray(values)[:: bound_data.each]
 
     def tensors(values: np.ndarray) -> np.ndarray:
-        """Deviatoric coordinates at points as tensors for each part."""
-        return np.einsum("td,dij->tij", spread(values), basis)[:, None]
+        """Deviatoric coordinates at points as tensors for each cell."""
+        return np.einsum("td,dij->tij", spread(values), basis)
 
-    force = constant_force(problem)
     return {
         "lame_lambda": spread(points.at(problem.material.lame_lambda)),
         "mu": spread(law.two_mu / 2),
@@ -400,7 +372,7 @@ def material_arrays(bound_data: BoundData) -> dict[str, np.ndarray]:
         "beta": spread(law.beta),
         "initial": tensors(law.initial),
         "back": tensors(law.back),
-        "body_force": np.repeat(force, parts, axis=0),
+        "body_force": constant_force(problem),
     }
 
 

@@ -1,8 +1,8 @@
 """The file of a receipt: its arrays in the order in which ``check_receipt`` reads them.
 
-Numbers of cells, nodes and sides are the last axis.  Each side of the parts has a number, first
-those of the boundary.  The file also says by which side each part passes on the forces that
-rounding leaves, and bounds of these forces.
+Numbers of cells, nodes and sides are the last axis.  Each side of the cells has a number.  The file
+also says by which side each cell passes on the forces that rounding leaves, and bounds of these
+forces.
 """
 
 from __future__ import annotations
@@ -16,84 +16,66 @@ import numpy as np
 from ngepc.bounds import check_goal, check_receipt
 
 DEEPEST = {2: 3, 3: 2}
-"""How often cells of N dimensions are cut at most."""
-SPARE = 1e-6
-"""Part by which bounds of forces are enlarged on each part, for rounding on other machines."""
+"""How often parts of cells of N dimensions are cut at most."""
+ROOM = 0.1
+"""Part by which forces that rounding leaves are enlarged: it differs on other machines."""
+GROWTH = 1e-6
+"""Part by which bounds of forces grow on each cell, so that they are larger than their sums."""
 
 
 def in_file_order(
-    arrays: dict[str, np.ndarray], header: dict[str, object], fine: tuple
+    arrays: dict[str, np.ndarray], header: dict[str, object], fine: float
 ) -> dict[str, np.ndarray]:
-    """The members ``numbers``, ``indices``, ``goal`` and ``cut`` of the file.
+    """The members ``receipt``, and ``goal`` and ``cut`` for a goal.
 
-    ``header`` gets the sizes of the arrays.  ``arrays`` have the cells first, tensors as matrices,
-    and nodes at the edges in ``cells``.  Cells are cut where a goal's interval gains more than
-    their share of ``fine``.
+    ``arrays`` have the cells first, and tensors as matrices.  Parts are cut where a goal's
+    interval gains more than their share of ``fine``.
     """
     N = arrays["points"].shape[1]
-    cells = arrays["cells"][:, : N + 1]
-    places = numbered_sides(cells)
-    count = len(arrays["points"])
-    header["sizes"] = {
-        "P": count,
-        "K": len(cells),
-        "S": places.shape[1],
-        "B": len(arrays["boundary"]),
-    }
+    cells = arrays["cells"]
+    places = arrays["sides"]
     way, levels = ways(cells, places, arrays["held"].all(axis=1))
-    order = np.arange(count)
-    if header["order"] == 2:
-        cell = places[0] % len(cells)
-        edge = arrays["cells"][cell, N + 1 + places[0] // len(cells)]
-        order = np.concatenate([order, edge])
     last = {
         name: without_tiny(cells_last(name, values, N))
         for name, values in arrays.items()
     }
-    last |= {"cells": cells.T, "sides": places, "way": way}
-    for name in ("u", "z"):
-        if name in last:
-            last[name] = last[name][:, order]
-    last["carried"] = np.zeros(len(cells))
-    members = {
-        "indices": in_one(last, check_receipt.INDICES, np.int64),
-        "numbers": in_one(last, check_receipt.NUMBERS, float),
-        "cut": np.zeros(0, dtype=bool),
-    }
-    r = check_receipt.opened(members, header)
+    last |= {"sides": places, "way": way}
+    last["passed"] = np.zeros(places.shape[1])
+    receipt = record_of(last, check_receipt.TABLE)
+    r = check_receipt.opened({"receipt": receipt}, header)
     loads = r.stress, r.body_force, r.traction, r.pressure
     force = check_receipt.balance(r, *loads).force
-    last["carried"] = carried(force, way, places, levels)
-    members["numbers"] = in_one(last, check_receipt.NUMBERS, float)
+    receipt["passed"] = passed(force, way, places, levels)
+    members = {"receipt": receipt}
     if "goal" in header:
+        last["tau_passed"] = np.zeros(places.shape[1])
+        goal = record_of(last, check_goal.TABLE)
         names = "tau", "goal_force", "goal_traction", "goal_pressure"
-        force = check_receipt.balance(r, *(last[name] for name in names)).force
-        last["tau_carried"] = carried(force, way, places, levels)
-        members["goal"] = in_one(last, check_goal.NUMBERS, float)
-    return members | {"cut": cuts_of(members, header, fine)}
+        force = check_receipt.balance(r, *(goal[name] for name in names)).force
+        goal["tau_passed"] = passed(force, way, places, levels)
+        members["goal"] = goal
+        members["cut"] = np.zeros(0, dtype=bool)
+        members["cut"] = cuts_of(members, header, fine)
+    return members
 
 
 def cuts_of(
-    members: dict[str, np.ndarray], header: dict[str, object], fine: tuple[float, float]
+    members: dict[str, np.ndarray], header: dict[str, object], fine: float
 ) -> np.ndarray:
-    """Which cells are cut, and which of their parts: for energies, and both ends of a goal.
-
-    ``fine`` are the resolutions of these.
-    """
+    """Which parts of cells are cut, and which of their parts, for both ends of a goal."""
     found = []
 
     def above(
         r: SimpleNamespace, density: Callable, x: np.ndarray, law: np.ndarray
     ) -> np.ndarray:
         """Integrals of a density from above."""
-        resolution = fine[1 if density is check_goal.supremum else 0]
         value = law[-1] * density(r.N, x, law)
         kept = []
-        for _ in range(DEEPEST[r.N] if len(x) > 1 else 0):
-            x, law = check_receipt.parted(r.N, x, law)
+        for _ in range(DEEPEST[r.N]):
+            x, law = check_goal.parted(r.N, x, law)
             parts = law[-1] * density(r.N, x, law)
             on = parts.reshape(-1, len(value)).sum(axis=0)
-            on = (value - on) * len(value) > resolution
+            on = (value - on) * len(value) > fine
             kept.append(value[~on])
             found.append(on)
             on = np.tile(on, len(parts) // len(on))
@@ -115,25 +97,31 @@ def without_tiny(values: np.ndarray) -> np.ndarray:
     return np.where(np.abs(values) <= check_receipt.SMALLEST, 0, values)
 
 
-def in_one(arrays: dict[str, np.ndarray], table: str, kind: type) -> np.ndarray:
-    """The arrays of a table, one after the other."""
-    names = [row.split()[0] for row in table.split(", ")]
-    return np.concatenate([np.ravel(arrays[name]) for name in names], dtype=kind)
+def record_of(arrays: dict[str, np.ndarray], table: str) -> np.ndarray:
+    """The arrays of a table in one record."""
+    rows = [row.split() for row in table.split(", ")]
+    kinds = [(name, kind, np.shape(arrays[name])) for name, kind, _ in rows]
+    record = np.zeros((), kinds)
+    for name in record.dtype.names:
+        record[name] = arrays[name]
+    return record
 
 
 def cells_last(name: str, values: np.ndarray, N: int) -> np.ndarray:
     """An array with the cells last; tensors as their entries, those of the diagonal first."""
+    if name == "sides":
+        return values
     if name in {"stress", "tau", "initial", "back"}:
         n = values.shape[-1]
         pairs = [(i, i) for i in range(n)] + list(combinations(range(N), 2))
         values = np.stack([values[..., i, j] for i, j in pairs], axis=-1)
-        if values.shape[1] == 1:
-            values = values[:, 0]
+    if name in {"stress", "tau"}:
+        return values.transpose(2, 3, 1, 0)
     return np.moveaxis(values, 0, -1)
 
 
 def numbered_sides(cells: np.ndarray) -> np.ndarray:
-    """The two places (side of a part, part) of each side, equal on the boundary, (2, sides)."""
+    """The two places (side of a cell, cell) of each side, equal on the boundary, (2, sides)."""
     N = cells.shape[1] - 1
     count = int(cells.max()) + 1
     nodes = cells.T[np.array(check_receipt.SIDES[N])].reshape(N + 1, N, -1)
@@ -146,9 +134,9 @@ def numbered_sides(cells: np.ndarray) -> np.ndarray:
 def ways(
     cells: np.ndarray, places: np.ndarray, held: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """The side by which each part passes on forces to a support, and the parts by their distance.
+    """The side by which each cell passes on forces to a support, and the cells by their distance.
 
-    Where no side is held in all components all forces go to the first part, whose way is -1.
+    Where no side is held in all components all forces go to the first cell, whose way is -1.
     """
     count = len(cells)
     other = np.empty(cells.size, dtype=int)
@@ -174,20 +162,23 @@ def ways(
     return way, levels
 
 
-def carried(
+def passed(
     force: np.ndarray, way: np.ndarray, places: np.ndarray, levels: list[np.ndarray]
 ) -> np.ndarray:
-    """No less than what each part passes on: its own forces and those that it gets."""
+    """No less than what passes each side: of each cell its own forces and those that it gets."""
     count = len(force)
-    other = np.empty(places.max() + 1, dtype=int)
-    other[places[0]] = places[1]
-    other[places[1]] = places[0]
-    total = np.maximum(force, 2 * check_receipt.SMALLEST)
+    side = np.empty(places.max() + 1, dtype=int)
+    side[places[0]] = np.arange(places.shape[1])
+    side[places[1]] = np.arange(places.shape[1])
+    beyond = places.sum(axis=0)
+    found = np.zeros(places.shape[1])
+    total = np.maximum((1 + ROOM) * force, 2 * check_receipt.SMALLEST)
     for level in levels[::-1]:
-        total[level] *= 1 + SPARE
         going = level[way[level] >= 0]
         place = way[going] * count + going
-        beyond = other[place]
-        inside = beyond != place
-        np.add.at(total, beyond[inside] % count, total[going[inside]])
-    return total
+        exits = side[place]
+        found[exits] = (1 + GROWTH) * total[going]
+        other = beyond[exits] - place
+        inside = other != place
+        np.add.at(total, other[inside] % count, found[exits[inside]])
+    return found
