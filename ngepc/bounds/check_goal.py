@@ -51,29 +51,13 @@ TABLE = (  # z, T, q, F, G, V, c of 6
 )
 PART = 0.25  # c of 7
 WIDE = 10000  # products of conditions of what numbers of 7 are divided by
-PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # and back
-CHILDREN = {  # parts of a simplex by Bey; 21 is the mean of vertices 2 and 1
-    2: np.array([[0, 10, 20], [11, 21, 10], [22, 20, 21], [21, 20, 10]]),
-    3: np.array([[0, 10, 20, 30], [10, 11, 21, 31], [20, 21, 22, 32], [30, 31, 32, 33],
-                 [10, 20, 30, 31], [10, 20, 21, 31], [20, 30, 31, 32], [20, 21, 31, 32]]),
-}  # fmt: skip
 
 
-def mapped(table: ndarray, x: ndarray) -> ndarray:
-    """Fields (k, ...) in the barycentric coordinates of simplices with vertices ``table``."""
-    if len(x) > table.shape[1]:
-        table = einsum("pia,pjb,abk->pijk", table, table, np.eye(6)[energy.BETWEEN])
-        table = table[:, PAIRS[:, 0], PAIRS[:, 1]]
-    return einsum("pij,j...->ip...", table, x)
-
-
-def parted(N: int, x: ndarray, law: ndarray) -> tuple[ndarray, ndarray]:
-    """Coefficients (k, c, K) on the parts of simplices; ``law`` ends with the volume."""
-    table = np.eye(N + 1)[[CHILDREN[N] // 10, CHILDREN[N] % 10]].mean(axis=0)
-    x = mapped(table, x).swapaxes(1, 2).reshape(*x.shape[:2], -1)
-    law = np.tile(law, len(table))
-    law[-1] /= len(table)
-    return x, law
+def parted(N: int, law: ndarray) -> ndarray:
+    """Numbers for the parts of simplices; the last one is the volume."""
+    law = np.tile(law, 2**N)
+    law[-1] /= 2**N
+    return law
 
 
 def above(r: Body, density: Callable, x: ndarray, law: ndarray) -> ndarray:
@@ -87,7 +71,8 @@ def above(r: Body, density: Callable, x: ndarray, law: ndarray) -> ndarray:
         on = np.flatnonzero(on)
         here = law.take(uncut, axis=1)
         found.append(here[-1] * density(r.N, x.take(uncut, axis=2), here))
-        x, law = parted(r.N, x.take(on, axis=2), law.take(on, axis=1))
+        x = energy.cut(r.N, x.take(on, axis=2))
+        law = parted(r.N, law.take(on, axis=1))
     return np.concatenate(found)
 
 
@@ -95,10 +80,10 @@ def on_parts(r: Body, c: ndarray) -> ndarray:
     """Fields on K (1 or N + 1, c, K) as fields (k, c, parts of K)."""
     if len(c) == 1:
         return np.tile(c, (r.k, 1, r.v))
-    table = np.tile(np.eye(r.v), (r.v, 1, 1))
+    parts = np.tile(c[:, :, None], (1, 1, r.v, 1))
     own = np.arange(r.v)
-    table[own, own] = 1 / r.v
-    c = mapped(table, c).swapaxes(1, 2).reshape(*c.shape[:2], -1)
+    parts[own, :, own] = c.mean(axis=0)
+    c = parts.reshape(*c.shape[:2], -1)
     middle = (c[[1, 0, 0]] + c[[2, 2, 1]]) / 2 if len(c) < r.k else c[:0]
     return np.concatenate([c, middle])
 

@@ -47,20 +47,21 @@ TABLE = (  # names, types, shapes: K cells of v vertices, P points, S sides, B o
     "prescribed f8 tNB, traction f8 tNB, gap f8 tB, pressure f8 tB, "
     "cells i8 vK, sides i8 2S, way i8 K, held i8 NB, contact i8 B"
 )
-LAWS = {  # N, n, and the component for each entry of a tensor
-    "two-dimensional": (2, 2, [[0, 2], [2, 1]]),
-    "plane strain": (2, 3, [[0, 3], [3, 1]]),
-    "solid": (3, 3, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]),
-}
+LAWS = {"two-dimensional": (2, 2), "plane strain": (2, 3), "solid": (3, 3)}  # N, n
 CONSTANTS = {2: (1.1, 4.0), 3: (3.0, 16.0)}  # C_1, C_2
 DEVIATORS = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
 SIDES = {2: [[1, 2], [0, 2], [0, 1]], 3: [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]}
 BETWEEN = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # coefficient of two vertices
-QUADRATIC = {  # means of the products of quadratic Bernstein polynomials
-    1: np.array([[6, 1, 3], [1, 6, 3], [3, 3, 4]]) / 30,
-    2: np.array([[6, 1, 1, 1, 3, 3], [1, 6, 1, 3, 1, 3], [1, 1, 6, 3, 3, 1],
-                 [1, 3, 3, 4, 2, 2], [3, 1, 3, 2, 4, 2], [3, 3, 1, 2, 2, 4]]) / 90,
-}  # fmt: skip
+# fmt: off
+# Parts of a simplex by Bey; 21 is the mean of vertices 2 and 1
+CHILDREN = {2: np.array([[0, 10, 20], [11, 21, 10], [22, 20, 21], [21, 20, 10]]),
+            3: np.array([[0, 10, 20, 30], [10, 11, 21, 31], [20, 21, 22, 32], [30, 31, 32, 33],
+                         [10, 20, 30, 31], [10, 20, 21, 31], [20, 30, 31, 32], [20, 21, 31, 32]])}
+# Means of the products of quadratic Bernstein polynomials
+QUADRATIC = {1: np.array([[6, 1, 3], [1, 6, 3], [3, 3, 4]]) / 30,
+             2: np.array([[6, 1, 1, 1, 3, 3], [1, 6, 1, 3, 1, 3], [1, 1, 6, 3, 3, 1],
+                          [1, 3, 3, 4, 2, 2], [3, 1, 3, 2, 4, 2], [3, 3, 1, 2, 2, 4]]) / 90}
+# fmt: on
 
 
 def need(condition: object, message: str) -> None:
@@ -85,8 +86,7 @@ def inner(a: ndarray, b: ndarray, N: int) -> ndarray:
     """Means of the products of two fields with coefficients (k, c, K)."""
     if len(a) > N + 1:
         return einsum("kcK,kcK->K", einsum("kj,jcK->kcK", QUADRATIC[N], a), b)
-    if len(a) > 1:
-        a = (a + a.sum(axis=0)) / (len(a) * (len(a) + 1))
+    a = (a + a.sum(axis=0)) / (len(a) * (len(a) + 1))
     return einsum("kcK,kcK->K", a, b)
 
 
@@ -97,19 +97,38 @@ def split(r: Body, S: ndarray) -> tuple[ndarray, ndarray]:
     return mean, np.concatenate([diagonal, math.sqrt(2) * S[:, r.n :]], axis=1)
 
 
-def flow(N: int, s: ndarray, beta: ndarray, p: bool) -> ndarray:
+def cut(N: int, s: ndarray) -> ndarray:
+    """Coefficients (k, c, 2^N K) on the parts of simplices."""
+    T = np.eye(N + 1)[[CHILDREN[N] // 10, CHILDREN[N] % 10]].mean(axis=0)
+    if len(s) > N + 1:
+        T = einsum("pia,pjb,abk->pijk", T, T, np.eye(6)[BETWEEN])
+        T = T[:, [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+    return einsum("pij,jcK->icpK", T, s).reshape(*s.shape[:2], -1)
+
+
+def flows(N: int, s: ndarray, beta: ndarray, p: bool, cuts: int) -> ndarray:
+    """Means of ``flow`` on K, which are cut where |s| - beta varies much, so often at most."""
+    length = np.sqrt(einsum("kcK,kcK->kK", s, s))
+    most = length.max(axis=0) - beta
+    small = (2 * (length.min(axis=0) - beta) <= most) & (cuts > 0)
+    found = np.zeros(beta.shape)
+    on = np.flatnonzero((most > 0) & ~small)
+    found[on] = flow(N, s.take(on, axis=2), length.take(on, axis=1), beta[on], p)
+    on = np.flatnonzero((most > 0) & small)
+    if len(on):
+        parts = cut(N, s.take(on, axis=2))
+        parts = flows(N, parts, np.tile(beta[on], 2**N), p, cuts - 1)
+        found[on] = parts.reshape(2**N, -1).mean(axis=0)
+    return found
+
+
+def flow(N: int, s: ndarray, length: ndarray, beta: ndarray, p: bool) -> ndarray:
     """Plastic terms of phi (``p``) times 2 mu + h, or of phi* times h, by 3.
 
     With x = s outside the ball |s| <= beta they are beta |x| - s : x + |x|^2/2, or |x|^2/2: the
     first is no less than that of the best x, the second no less than [|s| - beta]_+^2/2.  Also
     (|s| - beta)^2 = |s|^2 - 2 beta |s| + beta^2.
     """
-    length = np.sqrt(einsum("kcK,kcK->kK", s, s))
-    found = np.zeros(beta.shape)
-    on = np.flatnonzero((length > beta).any(axis=0))
-    s = s.take(on, axis=2)
-    length = length.take(on, axis=1)
-    beta = beta[on]
     over = np.maximum(length - beta, 0.0)
     x = s * (over / np.maximum(length, beta))[:, None]
     field = x if p else s
@@ -119,59 +138,51 @@ def flow(N: int, s: ndarray, beta: ndarray, p: bool) -> ndarray:
     least = y.min(axis=(0, 1)) if p else length.max(axis=0)
     clear = least > length.max(axis=0) / 8
     square = inner(field, field, N)
-    across = (square - inner(y, y, N)) / (2 * np.where(clear, least, 1.0))
-    norm = y.mean(axis=(0, 1)) + across
+    norm = (square - inner(y, y, N)) / (2 * np.where(clear, least, 1.0))
+    norm += y.mean(axis=(0, 1))
     if p:
         norm = np.minimum(np.where(clear, norm, np.inf), over.mean(axis=0))
-        found[on] = beta * norm + inner(x, x / 2 - s, N)
-    else:
-        found[on] = np.minimum(square - 2 * beta * norm + beta**2, inner(x, x, N)) / 2
-    return found
-
-
-def sizes_of(record: ndarray, header: dict) -> dict[str, int]:
-    """What the letters of the table say."""
-    need(header["format"] == FORMAT, f"format: {FORMAT!r} is needed")
-    N, n, _ = LAWS[header["kinematics"]]
-    order = header["order"]
-    need(order in (1, 2) and N + order < 5, "order: neither one nor two")
-    sizes = {"N": N, "n": n, "2": 2, "v": N + 1, "c": n + N * (N - 1) // 2}
-    sizes |= {"k": 6 if order == 2 else N + 1, "t": 3 if order == 2 else N}
-    for letter, name in zip("PKSB", ("points", "mu", "sides", "gap"), strict=True):
-        sizes[letter] = record[name].shape[-1]
-    need(all(sizes.values()), "sizes: not positive")
-    return sizes | {"U": sizes["P"] + (order - 1) * sizes["S"]}
+        return beta * norm + inner(x, x / 2 - s, N)
+    return np.minimum(square - 2 * beta * norm + beta**2, inner(x, x, N)) / 2
 
 
 def arrays_of(record: ndarray, table: str, sizes: dict) -> dict:
     """The arrays of a record; numbers are zero or of sizes that neither over- nor underflow."""
     rows = [row.split() for row in table.split(", ")]
     rows = [(name, kind, [sizes[s] for s in letters]) for name, kind, letters in rows]
-    right = record.dtype == np.dtype(rows) and record.shape == ()
-    need(right, "arrays: others than the table says")
+    need((record.dtype, record.shape) == (np.dtype(rows), ()), "arrays: wrong types")
     arrays = {name: record[name] for name in record.dtype.names}
     for name, values in arrays.items():
-        if values.dtype == float:
-            large = np.abs(values)
-            usual = (large == 0) | ((large > SMALLEST) & (large < 1 / SMALLEST))
-            need(usual.all(), f"{name}: too large or too small, or no number")
+        large = np.abs(values)
+        usual = (large == 0) | ((large > SMALLEST) & (large < 1 / SMALLEST))
+        need(usual.all(), f"{name}: too large or too small, or no number")
     return arrays
 
 
 def opened(file: dict, header: dict) -> Body:
     """The arrays of a receipt, and what follows from them."""
+    need(header["format"] == FORMAT, f"format: {FORMAT!r} is needed")
     record = file["receipt"]
-    sizes = sizes_of(record, header)
-    r = Body(**sizes, **arrays_of(record, TABLE, sizes))
+    N, n = LAWS[header["kinematics"]]
+    order = header["order"]
+    need(order in (1, 2) and N + order < 5, "order: neither one nor two")
+    sizes = {"N": N, "n": n, "2": 2, "v": N + 1, "c": n + N * (N - 1) // 2}
+    sizes |= {"k": 6 if order == 2 else N + 1, "t": 3 if order == 2 else N}
+    for letter, name in zip("PKSB", ("points", "mu", "sides", "gap"), strict=True):
+        sizes[letter] = record[name].shape[-1]
+    sizes["U"] = sizes["P"] + (order - 1) * sizes["S"]
+    need(all(sizes.values()), "sizes: not positive")
+    r = Body(**sizes, **arrays_of(record, TABLE, sizes), degree=order)
     r.held = r.held != 0
     r.contact = r.contact != 0
     r.bulk = r.lame_lambda + 2 * r.mu / r.n
     for name in ("mu", "beta", "hardening"):
         need((getattr(r, name) > 0).all(), f"{name}: not positive")
     need((r.bulk > 1e-3 * r.mu).all(), "bulk: too small, or not positive")
-    r.entries = np.array(LAWS[header["kinematics"]][2])
-    r.degree = header["order"]
-    r.between = BETWEEN if r.degree == 2 else np.arange(r.v)[None]  # for gradients
+    r.entries = np.diag(np.arange(N))  # their places among the components of a tensor
+    for c, (i, j) in enumerate(combinations(range(N), 2)):
+        r.entries[i, j] = r.entries[j, i] = n + c
+    r.between = BETWEEN if order == 2 else np.arange(r.v)[None]  # for gradients
     r.on_side = [[*row, r.v + i][: r.t] for i, row in enumerate(SIDES[r.N])]
     r.initial = split(r, r.initial[None])[1][0]
     r.back = split(r, r.back[None])[1][0]
@@ -196,17 +207,15 @@ def measure(r: Body) -> None:
     det = (J[:, 0] * cofactors[:, 0]).sum(axis=0)
     r.det = np.abs(det)
     need((r.det > 1e-9 * r.length**N).all(), "cells: a cell is too flat")
-    inverse = (cofactors / det).swapaxes(0, 1)
-    r.slopes = np.concatenate([-inverse.sum(axis=0, keepdims=True), inverse])
-    r.steep = np.sqrt((r.slopes**2).sum(axis=(0, 1)))
-    r.wrong = EPS * (3 * r.length * r.steep) ** (N - 1)
     r.volume = r.det / math.factorial(N)
     r.area = np.concatenate([cofactors.sum(axis=1)[None], -cofactors.swapaxes(0, 1)])
     r.area *= np.sign(det) / (N - 1)
     r.areas = np.sqrt((r.area**2).sum(axis=1))
-    own = np.arange(N + 1)
+    r.slopes = -r.area / (N * r.volume)
+    r.steep = np.sqrt((r.slopes**2).sum(axis=(0, 1)))
+    r.wrong = EPS * (3 * r.length * r.steep) ** (N - 1)
     r.part_area = (r.area[:, :, None] - r.area.swapaxes(0, 1)) / (N + 1)
-    r.part_area[own, :, own] = r.area
+    r.part_area += np.eye(N + 1)[:, None, :, None] * r.area[:, :, None]
 
 
 def join(r: Body) -> None:
@@ -243,18 +252,15 @@ def need_positive(r: Body, c: ndarray, message: str) -> None:
     """Coefficients of functions that are nonnegative on the sides with an obstacle."""
     c = c[:, r.contact]
     need((c[: r.N] >= 0).all(), message)
-    least = -(1 - EPS) * np.sqrt(c[0] * c[1])
-    need((c[r.N :] >= least).all(), message)
+    need((c[r.N :] >= -(1 - EPS) * np.sqrt(c[0] * c[1])).all(), message)
 
 
 def strains(r: Body, u: ndarray) -> tuple[ndarray, ...]:
     """Trace and deviator of eps(u), no less than its size, and what rounding misses of it."""
-    change = u[:, r.nodes].swapaxes(0, 1)
-    change = change - change[:1]
+    change = (u[:, r.nodes] - u[:, r.nodes[:1]]).swapaxes(0, 1)
     du = r.degree * einsum("kiaK,ibK->kabK", change[r.between], r.slopes)
     eps = np.zeros((len(du), r.c, r.K))
-    for i, j in np.ndindex(r.N, r.N):
-        eps[:, r.entries[i, j]] += du[:, i, j] / (1 if i == j else 2)
+    eps[:, r.entries] = (du + du.swapaxes(1, 2)) / 2
     missed = size(change) * r.steep * r.wrong
     mean, e = split(r, eps)
     return r.n * mean, e, size(e) + 2 * size(mean) + missed, missed
@@ -278,12 +284,8 @@ def upper_energy(r: Body) -> float:
     r.trial = 2 * r.mu * e - r.back
     density = r.bulk / 2 * inner(r.trace, r.trace, r.N) + r.mu * inner(e, e, r.N)
     density -= r.mu * (r.initial**2).sum(axis=0)
-    trial = r.trial
-    if len(trial) > 1:  # K is cut into four
-        trial = np.concatenate([trial, (trial[[1, 0, 0]] + trial[[2, 2, 1]]) / 2])
-        trial = np.concatenate([trial[i] for i in (*BETWEEN, [3, 4, 5])], axis=2)
-    flows = flow(r.N, trial, np.tile(r.beta, trial.shape[2] // r.K), p=True)
-    density += flows.reshape(-1, r.K).mean(axis=0) / (2 * r.mu + r.hardening)
+    plastic = flows(r.N, r.trial, r.beta, p=True, cuts=r.degree)
+    density += plastic / (2 * r.mu + r.hardening)
     r.strain = r.strain + size(r.initial[None]) + size(r.back[None]) / r.mu
     r.stiff = r.n * r.bulk + 2 * r.mu
     density += 10 * r.stiff * r.strain * (r.missed + r.wrong * r.strain)
@@ -306,8 +308,7 @@ def balance(r: Body, S: ndarray, force: ndarray, traction: ndarray, P: ndarray) 
         other = [of_b.get(i, i) for i in r.on_side[b]]
         jump = T[b, r.on_side[b], :, a] + T[a, other, :, b]
         jumps[[a, b]] += size(jump) + large
-    T = [T[a, r.on_side[a], :, a] for a in range(N + 1)]
-    T = np.concatenate(T, axis=2)
+    T = np.concatenate([T[a, r.on_side[a], :, a] for a in range(N + 1)], axis=2)
     jump = T.take(r.sides[0], axis=2) + T.take(r.sides[1], axis=2)
     missing = jump[..., r.out] / 2 - (traction - P[:, None] * r.normal) * r.outer
     jump[..., r.out] = np.where(r.held, 0.0, missing)
@@ -338,9 +339,8 @@ def defect(r: Body, rest: Body, passed: ndarray) -> float:
     N = r.N
     going = np.flatnonzero(r.way >= 0)
     side = r.side[r.way[going], going]
-    held = np.ones(r.S, dtype=bool)
-    held[r.out] = r.held.all(axis=0)
-    need(held[side].all(), "way: it ends where the body is free")
+    free = r.out[~r.held.all(axis=0)]
+    need(not np.isin(side, free).any(), "way: it ends where the body is free")
     need((np.bincount(side) < 2).all(), "way: two K have the same")
     whole = len(going) == r.K - 1 and not np.isin(side, r.out).any()
     need(whole or len(going) == r.K, "way: the body is in two pieces")
@@ -353,9 +353,8 @@ def defect(r: Body, rest: Body, passed: ndarray) -> float:
     T = (passed[r.side] + more) * (1 + lever / r.areas)
     T += N * (force + more) * (1 + lever * r.length / (0.9 * r.volume))
     steep = np.sqrt(r.steep**2 + (N + 1) * (r.slopes**2).sum(axis=1))
-    first, second = CONSTANTS[N]
-    b = first * math.sqrt(math.factorial(N)) * rest.inside
-    b += second * (rest.jumps + T)
+    C = CONSTANTS[N]
+    b = C[0] * math.sqrt(math.factorial(N)) * rest.inside + C[1] * (rest.jumps + T)
     b *= r.length**2 * steep * np.sqrt((N + 1) / r.det)
     m = np.minimum(2 * r.mu * r.hardening / (2 * r.mu + r.hardening), r.n * r.bulk)
     return 2 * math.sqrt(summed((b**2).sum(axis=0) / m))
@@ -369,7 +368,7 @@ def lower_energy(r: Body, rest: Body) -> float:
     r.shifted = d - np.tile(r.back, r.v)
     total = r.shifted + np.tile(r.back + 2 * r.mu * r.initial, r.v)
     density = inner(r.m, r.m, r.N) / twice_bulk + inner(total, total, r.N) / four_mu
-    density += flow(r.N, r.shifted, beta, p=False) / h
+    density += flows(r.N, r.shifted, beta, p=False, cuts=r.degree) / h
     pressed = inner(r.pressure[:, None], r.gap[:, None], r.N - 1) * r.outer
     moved = inner(rest.reaction, r.prescribed, r.N - 1)
     r.large = 3 * rest.size + 2 * r.mu * size(r.initial[None]) + size(r.back[None])

@@ -72,7 +72,8 @@ def cuts_of(
         value = law[-1] * density(r.N, x, law)
         kept = []
         for _ in range(DEEPEST[r.N]):
-            x, law = check_goal.parted(r.N, x, law)
+            x = check_receipt.cut(r.N, x)
+            law = check_goal.parted(r.N, law)
             parts = law[-1] * density(r.N, x, law)
             on = parts.reshape(-1, len(value)).sum(axis=0)
             on = (value - on) * len(value) > fine

@@ -20,7 +20,7 @@ from ngsolve import ET, IntegrationRule
 
 from ngepc import error_bound, goal_bound, semismooth_newton, write_receipt
 from ngepc.bounds import check_goal, check_receipt
-from ngepc.bounds.receipt_file import in_one
+from ngepc.bounds.receipt_file import record_of
 from ngepc.studies.work import Work
 
 ENERGIES = ("order 1", "order 2", "solid")
@@ -384,39 +384,79 @@ class Judge:
         return float(upper), float(lower - self.measure @ (pressed @ weights))
 
 
-def by_cells(arrays, header):
-    """The arrays of a file with cells first, tensors as matrices, and nodes at edges in ``cells``.
+BETWEEN = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+OF_CELLS = {"lame_lambda", "mu", "hardening", "beta", "initial", "back"}
+OF_CELLS |= {"body_force", "goal_force"}
 
-    Sides whose numbers make no sense raise an IndexError.
+
+def by_cells(arrays, header):
+    """The arrays of a file on the parts of cells: these come first, tensors are matrices.
+
+    In part a of a cell the centre takes the place of vertex a.  For order two ``cells`` also have
+    the nodes at edges.  Sides whose numbers make no sense raise an IndexError.
     """
     N, n = {"two-dimensional": (2, 2), "plane strain": (2, 3), "solid": (3, 3)}[
         header["kinematics"]
     ]
     found = {name: np.moveaxis(values, -1, 0) for name, values in arrays.items()}
+    for name in OF_CELLS & set(found):
+        found[name] = np.concatenate([found[name]] * (N + 1))
     entries = np.diag(np.arange(n))
     for place, (i, j) in enumerate(combinations(range(N), 2)):
         entries[i, j] = entries[j, i] = n + place
     off = np.ones((n, n))
     off[N:, :N] = off[:N, N:] = 0.0
-    for name in {"stress", "initial", "back", "tau"} & set(found):
-        values = found[name] if found[name].ndim == 3 else found[name][:, None]
+    for name in {"stress", "tau"} & set(found):
+        values = arrays[name].transpose(2, 3, 0, 1)
+        values = values.reshape(-1, *values.shape[2:])
         found[name] = values[..., entries] * off
-    cells = found["cells"]
-    K = len(cells)
-    if header["order"] == 2:
-        number = np.full(cells.size, -1)
-        number[arrays["sides"]] = np.arange(arrays["sides"].shape[1])
-        if (number < 0).any():
-            raise IndexError("a side has no number")
-        edges = len(found["points"]) + number.reshape(-1, K).T
-        found["cells"] = np.concatenate([cells, edges], axis=1)
+    for name in ("initial", "back"):
+        found[name] = found[name][:, None][..., entries] * off
+    displacements = {"u", "z"} & set(found)
+    found |= parts_of_cells(arrays, {name: found[name] for name in displacements})
     first, second = arrays["sides"]
-    place, cell = np.divmod(first[first == second], K)
-    found["boundary"] = np.array(
-        [np.delete(cells[c], i) for i, c in zip(place, cell, strict=True)]
-    )
+    cell = first[first == second]
+    rows = zip(cell // arrays["cells"].shape[1], cell, strict=True)
+    corners = found["cells"][:, : N + 1]
+    found["boundary"] = np.array([np.delete(corners[c], i) for i, c in rows])
     for name in ("held", "contact"):
         found[name] = found[name] != 0
+    return found
+
+
+def parts_of_cells(arrays, fields):
+    """Points and cells, with nodes at edges for order two, and displacements of the parts."""
+    cells = arrays["cells"].T
+    points = arrays["points"].T
+    K, v = cells.shape
+    P = len(points)
+    parts = np.array([cells] * v)
+    for a in range(v):
+        parts[a, :, a] = P + np.arange(K)
+    centres = points[cells].mean(axis=1)
+    found = {"points": np.concatenate([points, centres])}
+    nodes = cells
+    S = arrays["sides"].shape[1]
+    if arrays["u"].shape[1] > P:
+        number = np.full(cells.size, -1)
+        number[arrays["sides"]] = np.arange(S)
+        if (number < 0).any():
+            raise IndexError("a side has no number")
+        number = number.reshape(v, K)
+        nodes = np.concatenate([cells, P + number.T], axis=1)
+        edges = np.zeros((v, K, v), dtype=int)
+        for a, i in np.ndindex(v, v):
+            to_centre = P + K + S + np.arange(K) * v + 3 - a - i
+            edges[a, :, i] = P + K + number[a] if a == i else to_centre
+        parts = np.concatenate([parts, edges], axis=2)
+    found["cells"] = parts.reshape(v * K, -1)
+    for name, u in fields.items():
+        local = u[nodes]
+        found[name] = np.concatenate([u[:P], local[:, :v].mean(axis=1)])
+        if nodes is not cells:
+            spokes = local[:, BETWEEN].mean(axis=2)
+            values = [u[:P], spokes.mean(axis=1), u[P:], spokes.reshape(-1, 2)]
+            found[name] = np.concatenate(values)
     return found
 
 
@@ -487,13 +527,10 @@ def passes(arrays, header):
 
 def members(arrays, header):
     """The members of a file with these arrays."""
-    found = {
-        "numbers": in_one(arrays, check_receipt.NUMBERS, float),
-        "indices": in_one(arrays, check_receipt.INDICES, np.int64),
-        "cut": arrays["cut"],
-    }
+    found = {"receipt": record_of(arrays, check_receipt.TABLE)}
     if "goal" in header:
-        found["goal"] = in_one(arrays, check_goal.NUMBERS, float)
+        found["goal"] = record_of(arrays, check_goal.TABLE)
+        found["cut"] = arrays["cut"]
     return found
 
 
@@ -501,14 +538,13 @@ def opened(path):
     """Arrays by name, and header of a receipt."""
     with np.load(path) as file:
         found = dict(file)
-    header = json.loads(str(found.pop("header")))
-    sizes = check_receipt.sizes_of(header)
-    unpacked = check_receipt.unpacked
-    arrays = unpacked(found["numbers"], check_receipt.NUMBERS, sizes)
-    arrays |= unpacked(found["indices"], check_receipt.INDICES, sizes)
-    if "goal" in header:
-        arrays |= unpacked(found["goal"], check_goal.NUMBERS, sizes)
-    arrays["cut"] = found["cut"]
+    header = json.loads(str(found["header"]))
+    arrays = {}
+    for member in {"receipt", "goal"} & set(found):
+        record = found[member]
+        arrays |= {name: record[name] for name in record.dtype.names}
+    if "cut" in found:
+        arrays["cut"] = found["cut"]
     return arrays, header
 
 
