@@ -71,7 +71,7 @@ def above(r: Body, density: Callable, x: ndarray, law: ndarray) -> ndarray:
         on = np.flatnonzero(on)
         here = law.take(uncut, axis=1)
         found.append(here[-1] * density(r.N, x.take(uncut, axis=2), here))
-        x = energy.cut(r.N, x.take(on, axis=2))
+        x = energy.subdivided(r.N, x.take(on, axis=2))
         law = parted(r.N, law.take(on, axis=1))
     return np.concatenate(found)
 
@@ -210,7 +210,7 @@ def opened_goal(file: Mapping[str, ndarray], header: dict) -> Body:
     """The arrays of a receipt, and what follows from them."""
     r = energy.opened(file, header)
     if "goal" in header:
-        vars(r).update(energy.arrays_of(file["goal"], TABLE, vars(r)))
+        vars(r).update(energy.unpacked(file["goal"], TABLE, vars(r)))
         r.cut = file["cut"]
         energy.need(r.cut.dtype == bool, "cut: of a wrong type")
     return r

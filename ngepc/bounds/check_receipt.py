@@ -97,7 +97,7 @@ def split(r: Body, S: ndarray) -> tuple[ndarray, ndarray]:
     return mean, np.concatenate([diagonal, math.sqrt(2) * S[:, r.n :]], axis=1)
 
 
-def cut(N: int, s: ndarray) -> ndarray:
+def subdivided(N: int, s: ndarray) -> ndarray:
     """Coefficients (k, c, 2^N K) on the parts of simplices."""
     T = np.eye(N + 1)[[CHILDREN[N] // 10, CHILDREN[N] % 10]].mean(axis=0)
     if len(s) > N + 1:
@@ -106,7 +106,7 @@ def cut(N: int, s: ndarray) -> ndarray:
     return einsum("pij,jcK->icpK", T, s).reshape(*s.shape[:2], -1)
 
 
-def flows(N: int, s: ndarray, beta: ndarray, p: bool, cuts: int) -> ndarray:
+def plastic_terms(N: int, s: ndarray, beta: ndarray, p: bool, cuts: int) -> ndarray:
     """Means of ``flow`` on K, which are cut where |s| - beta varies much, so often at most."""
     length = np.sqrt(einsum("kcK,kcK->kK", s, s))
     most = length.max(axis=0) - beta
@@ -116,8 +116,8 @@ def flows(N: int, s: ndarray, beta: ndarray, p: bool, cuts: int) -> ndarray:
     found[on] = flow(N, s.take(on, axis=2), length.take(on, axis=1), beta[on], p)
     on = np.flatnonzero((most > 0) & small)
     if len(on):
-        parts = cut(N, s.take(on, axis=2))
-        parts = flows(N, parts, np.tile(beta[on], 2**N), p, cuts - 1)
+        parts = subdivided(N, s.take(on, axis=2))
+        parts = plastic_terms(N, parts, np.tile(beta[on], 2**N), p, cuts - 1)
         found[on] = parts.reshape(2**N, -1).mean(axis=0)
     return found
 
@@ -146,7 +146,7 @@ def flow(N: int, s: ndarray, length: ndarray, beta: ndarray, p: bool) -> ndarray
     return np.minimum(square - 2 * beta * norm + beta**2, inner(x, x, N)) / 2
 
 
-def arrays_of(record: ndarray, table: str, sizes: dict) -> dict:
+def unpacked(record: ndarray, table: str, sizes: dict) -> dict:
     """The arrays of a record; numbers are zero or of sizes that neither over- nor underflow."""
     rows = [row.split() for row in table.split(", ")]
     rows = [(name, kind, [sizes[s] for s in letters]) for name, kind, letters in rows]
@@ -172,7 +172,7 @@ def opened(file: dict, header: dict) -> Body:
         sizes[letter] = record[name].shape[-1]
     sizes["U"] = sizes["P"] + (order - 1) * sizes["S"]
     need(all(sizes.values()), "sizes: not positive")
-    r = Body(**sizes, **arrays_of(record, TABLE, sizes), degree=order)
+    r = Body(**sizes, **unpacked(record, TABLE, sizes), degree=order)
     r.held = r.held != 0
     r.contact = r.contact != 0
     r.bulk = r.lame_lambda + 2 * r.mu / r.n
@@ -186,12 +186,12 @@ def opened(file: dict, header: dict) -> Body:
     r.on_side = [[*row, r.v + i][: r.t] for i, row in enumerate(SIDES[r.N])]
     r.initial = split(r, r.initial[None])[1][0]
     r.back = split(r, r.back[None])[1][0]
-    measure(r)
+    measured(r)
     join(r)
     return r
 
 
-def measure(r: Body) -> None:
+def measured(r: Body) -> None:
     """Volumes, slopes of barycentric coordinates of K and its parts, outward normals."""
     N = r.N
     need((r.cells >= 0).all() and (r.cells < r.P).all(), "cells: no such point")
@@ -284,7 +284,7 @@ def upper_energy(r: Body) -> float:
     r.trial = 2 * r.mu * e - r.back
     density = r.bulk / 2 * inner(r.trace, r.trace, r.N) + r.mu * inner(e, e, r.N)
     density -= r.mu * (r.initial**2).sum(axis=0)
-    plastic = flows(r.N, r.trial, r.beta, p=True, cuts=r.degree)
+    plastic = plastic_terms(r.N, r.trial, r.beta, p=True, cuts=r.degree)
     density += plastic / (2 * r.mu + r.hardening)
     r.strain = r.strain + size(r.initial[None]) + size(r.back[None]) / r.mu
     r.stiff = r.n * r.bulk + 2 * r.mu
@@ -368,7 +368,7 @@ def lower_energy(r: Body, rest: Body) -> float:
     r.shifted = d - np.tile(r.back, r.v)
     total = r.shifted + np.tile(r.back + 2 * r.mu * r.initial, r.v)
     density = inner(r.m, r.m, r.N) / twice_bulk + inner(total, total, r.N) / four_mu
-    density += flows(r.N, r.shifted, beta, p=False, cuts=r.degree) / h
+    density += plastic_terms(r.N, r.shifted, beta, p=False, cuts=r.degree) / h
     pressed = inner(r.pressure[:, None], r.gap[:, None], r.N - 1) * r.outer
     moved = inner(rest.reaction, r.prescribed, r.N - 1)
     r.large = 3 * rest.size + 2 * r.mu * size(r.initial[None]) + size(r.back[None])

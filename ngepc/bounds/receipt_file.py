@@ -41,7 +41,7 @@ def in_file_order(
     }
     last |= {"sides": places, "way": way}
     last["passed"] = np.zeros(places.shape[1])
-    receipt = record_of(last, check_receipt.TABLE)
+    receipt = packed_record(last, check_receipt.TABLE)
     r = check_receipt.opened({"receipt": receipt}, header)
     loads = r.stress, r.body_force, r.traction, r.pressure
     force = check_receipt.balance(r, *loads).force
@@ -49,7 +49,7 @@ def in_file_order(
     members = {"receipt": receipt}
     if "goal" in header:
         last["tau_passed"] = np.zeros(places.shape[1])
-        goal = record_of(last, check_goal.TABLE)
+        goal = packed_record(last, check_goal.TABLE)
         names = "tau", "goal_force", "goal_traction", "goal_pressure"
         force = check_receipt.balance(r, *(goal[name] for name in names)).force
         goal["tau_passed"] = passed(force, way, places, levels)
@@ -72,7 +72,7 @@ def cuts_of(
         value = law[-1] * density(r.N, x, law)
         kept = []
         for _ in range(DEEPEST[r.N]):
-            x = check_receipt.cut(r.N, x)
+            x = check_receipt.subdivided(r.N, x)
             law = check_goal.parted(r.N, law)
             parts = law[-1] * density(r.N, x, law)
             on = parts.reshape(-1, len(value)).sum(axis=0)
@@ -98,7 +98,7 @@ def without_tiny(values: np.ndarray) -> np.ndarray:
     return np.where(np.abs(values) <= check_receipt.SMALLEST, 0, values)
 
 
-def record_of(arrays: dict[str, np.ndarray], table: str) -> np.ndarray:
+def packed_record(arrays: dict[str, np.ndarray], table: str) -> np.ndarray:
     """The arrays of a table in one record."""
     rows = [row.split() for row in table.split(", ")]
     kinds = [(name, kind, np.shape(arrays[name])) for name, kind, _ in rows]

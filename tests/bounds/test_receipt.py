@@ -233,7 +233,7 @@ def test_means_of_suprema_are_bounded(k):
     x = mean + size * random.normal(size=(k, 6, 30))
     bound = check_goal.supremum(2, x, law)
     for _ in range(3):
-        x = check_receipt.cut(2, x)
+        x = check_receipt.subdivided(2, x)
         law = check_goal.parted(2, law)
     best = np.zeros(30)
     for i, j in combinations(range(3), 2):
@@ -254,10 +254,10 @@ def test_plastic_terms_are_bounded(p):
     s = 2 * beta * np.array([[1.0], [0.0], [0.0]]) + size * random.normal(
         size=(3, 3, 90)
     )
-    bound, cut = (check_receipt.flows(2, s, beta, p, cuts=k) for k in (0, 2))
+    bound, cut = (check_receipt.plastic_terms(2, s, beta, p, cuts=k) for k in (0, 2))
     exact = s
     for _ in range(5):
-        exact = check_receipt.cut(2, exact)
+        exact = check_receipt.subdivided(2, exact)
     length = np.sqrt((exact**2).sum(axis=1)).reshape(3, -1, 90)
     over = np.maximum(length - beta, 0.0) ** 2 / 2
     mean = (-over if p else over).mean(axis=(0, 1))
@@ -528,7 +528,7 @@ def test_parts_of_parts_do_not_degenerate(N, shapes):
     simplices = np.random.default_rng(N).normal(size=(N + 1, N, 1))
     whole = abs(np.linalg.det(simplices[1:, :, 0] - simplices[0, :, 0]))
     for level in range(1, 5):
-        simplices = check_receipt.cut(N, simplices)
+        simplices = check_receipt.subdivided(N, simplices)
         corners = simplices.transpose(2, 0, 1)
         volume = abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
         np.testing.assert_allclose(volume, whole / 2 ** (N * level), rtol=1e-9)

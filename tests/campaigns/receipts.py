@@ -20,7 +20,7 @@ from ngsolve import ET, IntegrationRule
 
 from ngepc import error_bound, goal_bound, semismooth_newton, write_receipt
 from ngepc.bounds import check_goal, check_receipt
-from ngepc.bounds.receipt_file import record_of
+from ngepc.bounds.receipt_file import packed_record
 from ngepc.studies.work import Work
 
 ENERGIES = ("order 1", "order 2", "solid")
@@ -527,9 +527,9 @@ def passes(arrays, header):
 
 def members(arrays, header):
     """The members of a file with these arrays."""
-    found = {"receipt": record_of(arrays, check_receipt.TABLE)}
+    found = {"receipt": packed_record(arrays, check_receipt.TABLE)}
     if "goal" in header:
-        found["goal"] = record_of(arrays, check_goal.TABLE)
+        found["goal"] = packed_record(arrays, check_goal.TABLE)
         found["cut"] = arrays["cut"]
     return found
 
