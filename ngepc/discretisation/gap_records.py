@@ -21,7 +21,10 @@ from ngepc.discretisation.facets import (
     facet_lattice,
     facet_nodes,
 )
+from ngepc.discretisation.narrow import clear_of
 from ngepc.discretisation.quadrature import rules_of
+from ngepc.discretisation.sampling import Scan
+from ngepc.model.elements import cells_of
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
 
@@ -52,6 +55,7 @@ def _record_type(N: int) -> np.dtype:
             ("weight", float),  # integral of the polynomial of the node
             ("gap", float),
             ("least", float),  # of the coefficient of the gap
+            ("lowered", float),  # by which it is lowered, ``narrow``
             ("normal", float, N),
         ]
     )
@@ -65,12 +69,13 @@ def facet_records(problem: Problem) -> tuple[np.ndarray, csr_matrix]:
     facets = 0
     for number, name in enumerate(problem.contact_names):
         degree = 2 if problem.order == 1 else 6
+        scan = scanned_gap(problem, name)
         for shape, dofs, _, area, _ in mapped_facets(problem, scalar, name, degree):
             facet = facet_nodes(shape, problem.order)
             element = _element(problem, scalar, name, shape)
             nodes = dofs[:, facet.numbers(element)]
             rule = rules_of(problem.N - 1, degree)[shape]
-            records = _records_of(problem, name, facet, nodes)
+            records = _records_of(problem, name, scan, facet, nodes)
             records["boundary"] = number
             records["facet"] = facets + np.arange(len(dofs))[:, None]
             records["weight"] = area @ facet.basis(_places(rule, facet))
@@ -81,12 +86,12 @@ def facet_records(problem: Problem) -> tuple[np.ndarray, csr_matrix]:
 
 
 def _records_of(
-    problem: Problem, name: str, facet: FacetNodes, nodes: np.ndarray
+    problem: Problem, name: str, scan: Scan, facet: FacetNodes, nodes: np.ndarray
 ) -> np.ndarray:
     """The records of the nodes (facets, k) of the facets of a shape, same shape."""
     mesh = problem.mesh
     at = mesh.MapToAllElements({facet.shape: facet.rule}, mesh.Boundaries(name))
-    gap, least = _gap_at_nodes(problem, name, facet)
+    gap, least, lowered = _gap_at_nodes(problem, name, scan, facet)
     records = np.zeros(nodes.shape, dtype=_record_type(problem.N))
     records["node"] = nodes
     records["rank"] = problem.processes.rank
@@ -95,37 +100,68 @@ def _records_of(
     records["corners"] = nodes[:, facet.corners]
     records["gap"] = gap
     records["least"] = least
+    records["lowered"] = lowered
     normal = np.asarray(problem.normal(at))
     records["normal"] = normal.reshape(*nodes.shape, problem.N)
     return records
 
 
 def _gap_at_nodes(
-    problem: Problem, name: str, facet: FacetNodes
-) -> tuple[np.ndarray, np.ndarray]:
-    """The gap at the nodes of the facets of a shape, and its least coefficients, (facets, k)."""
+    problem: Problem, name: str, scan: Scan, facet: FacetNodes
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The gap at the nodes of the facets of a shape, its least coefficients, how far they fall.
+
+    Each has the shape (facets, k).
+    """
     mesh = problem.mesh
-    at = mesh.MapToAllElements({facet.shape: facet.rule}, mesh.Boundaries(name))
+    region = mesh.Boundaries(name)
+    at = mesh.MapToAllElements({facet.shape: facet.rule}, region)
     gap = np.ravel(problem.gaps[name](at)).reshape(-1, len(facet.places))
-    if facet.degree == 1:
-        return gap, np.full(gap.shape, -np.inf)
-    return gap, _least(problem, name, facet, gap)
+    least = np.full(gap.shape, -np.inf)
+    if facet.degree == 2:
+        least = _least(problem, name, facet, gap)
+    if not len(scan.hidden):
+        return gap, least, np.zeros(gap.shape)
+    alike = [one.nr for one in region.Elements() if one.type == facet.shape]
+    return gap, *clear_of(scan, facet, np.array(alike), gap, least)
 
 
-def gap_records(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """The gap at the nodes of all contact facets, and its least coefficients, for ``RowGaps``."""
-    gaps = []
-    least = []
+def scanned_gap(problem: Problem, name: str) -> Scan:
+    """The gap of a boundary on the lattice."""
+    mesh = problem.mesh
+    region = cells_of(mesh, mesh.dim - 1)[1]
+    there = np.array(mesh.Boundaries(name).Mask(), dtype=bool)[region]
+    return Scan(mesh, problem.gaps[name], BND, there)
+
+
+def nearer_between_nodes(problem: Problem) -> str:
+    """A sentence about rows that are lowered by ``narrow.clear_of``; empty without."""
+    if not problem.contact_names:
+        return ""
+    lowered = facet_records(problem)[0]["lowered"]
+    most = problem.processes.maximum(lowered)
+    if most == 0.0:
+        return ""
+    return (
+        f"An obstacle stands nearer between nodes by up to {most:.3g}: whole facets keep clear of "
+        "it, with forces that are too large; refine the contact boundary there."
+    )
+
+
+def gap_records(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gap, least coefficient and how far it falls, of all nodes of facets, for ``RowGaps``."""
+    found = []
     for name in problem.contact_names:
+        scan = scanned_gap(problem, name)
         facets = problem.mesh.Boundaries(name).Elements()
         present = {facet.type for facet in facets}
         for shape in rules_of(problem.N - 1, 1):
             if shape in present:
                 facet = facet_nodes(shape, problem.order)
-                found = _gap_at_nodes(problem, name, facet)
-                gaps.append(found[0].ravel())
-                least.append(found[1].ravel())
-    return np.concatenate(gaps), np.concatenate(least)
+                of_shape = _gap_at_nodes(problem, name, scan, facet)
+                found.append([part.ravel() for part in of_shape])
+    gap, least, lowered = map(np.concatenate, zip(*found, strict=True))
+    return gap, least, lowered
 
 
 def _element(problem: Problem, space: FESpace, name: str, shape: ET) -> FiniteElement:

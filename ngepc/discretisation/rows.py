@@ -99,13 +99,16 @@ class RowGaps:
     coefficients: csr_matrix | None  # of order two, from means at the nodes of the rows
     chosen: np.ndarray  # rows that supports do not hold
 
-    def __call__(self, gap: np.ndarray, least: np.ndarray) -> np.ndarray:
-        """From the gap and the least coefficient of each record, shape (m,)."""
+    def __call__(
+        self, gap: np.ndarray, least: np.ndarray, lowered: np.ndarray
+    ) -> np.ndarray:
+        """From the gap, the least coefficient and the lowering of each record, shape (m,)."""
         sums = self.sums
         gaps = sums @ (self.weights * gap) / (sums @ self.weights)
         if self.coefficients is not None:
             lowest = np.maximum.reduceat(least[sums.indices], sums.indptr[:-1])
             gaps = np.maximum(self.coefficients @ gaps, lowest)
+        gaps = gaps - np.maximum.reduceat(lowered[sums.indices], sums.indptr[:-1])
         return gaps[self.chosen]
 
 
@@ -229,7 +232,7 @@ def rows_and_gaps(
     rows = rows_along(normals, means, along, **at, **without_gaps)
     chosen = rows.movable(supports.free)
     gaps = RowGaps(sums, weights, coefficients, chosen)
-    known = gaps(records["gap"], records["least"])
+    known = gaps(records["gap"], records["least"], records["lowered"])
     return replace(rows.chosen(chosen), gaps=known), gaps
 
 

@@ -1,8 +1,8 @@
 """Data of a problem that are known from samples only, and the message about them.
 
 Numbers, finite element functions and polynomials on elements are known exactly.  Anything else is
-looked at in points: loads on the lattice of ``Scan``, materials on that of ``finer``, gaps at the
-nodes of contact, histories at the integration points.
+looked at in points: loads and gaps on the lattice of ``Scan``, materials on that of ``finer``,
+histories at the integration points.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import numpy as np
 from ngsolve import BND, H1, VOL, ElementId, Mesh
 
 from ngepc.discretisation.finer import parts_inside
+from ngepc.discretisation.gap_records import scanned_gap
 from ngepc.discretisation.loads import shapes_at
 from ngepc.discretisation.polynomials import HIGHEST, is_polynomial
-from ngepc.discretisation.sampling import Scan, parts_of_edges
-from ngepc.model.elements import cells_of
+from ngepc.discretisation.sampling import parts_of_edges
 from ngepc.model.places import Coulomb, Edge
 from ngepc.model.problem import Problem
 
@@ -43,7 +43,7 @@ OF_MATERIAL = (
     "material.rate",
 )
 """Data that the exact methods look at on the parts of ``finer``."""
-BETWEEN = (*LOADS, *OF_MATERIAL)
+BETWEEN = (*LOADS, *OF_MATERIAL, "gap")
 """Data that the exact methods look at between nodes and integration points."""
 
 
@@ -57,9 +57,7 @@ def sampled_data(problem: Problem) -> list[str]:
     ]
 
 
-def what_is_unseen(
-    problem: Problem, scanned: Collection[str] | None = (*LOADS, *OF_MATERIAL)
-) -> str:
+def what_is_unseen(problem: Problem, scanned: Collection[str] | None = BETWEEN) -> str:
     """A sentence about the data that are known from samples; empty where there are none.
 
     Parameters
@@ -100,11 +98,9 @@ def hidden_overlap(problem: Problem, u: np.ndarray) -> float:
     """
     mesh = problem.mesh
     scalar = H1(mesh, order=problem.order)
-    region = cells_of(mesh, mesh.dim - 1)[1]
     deepest = 0.0
     for name, gap in problem.gaps.items():
-        on = np.array(mesh.Boundaries(name).Mask(), dtype=bool)[region]
-        scan = Scan(mesh, gap, BND, on)
+        scan = scanned_gap(problem, name)
         for number in scan.hidden.tolist():
             shares = scan.lattice_in(number)
             element = ElementId(BND, number)

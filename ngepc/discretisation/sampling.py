@@ -403,14 +403,14 @@ class Scan:
         for first in range(0, len(numbers), together):
             some = slice(first, first + together)
             for piece in Piece.all(shape):
-                values = self._on_lattice(numbers[some], piece)
+                values = self.on_lattice(numbers[some], piece)
                 fitted = basis @ (basis.T @ values)
                 size = np.abs(values).max(axis=(1, 2))
                 missed = np.abs(values - fitted).max(axis=(1, 2))
                 found[:, some] = np.maximum(found[:, some], [size, missed])
         return found
 
-    def _on_lattice(self, numbers: np.ndarray, piece: Piece) -> np.ndarray:
+    def on_lattice(self, numbers: np.ndarray, piece: Piece) -> np.ndarray:
         """Values on the lattice in a piece, shape (elements, points, components)."""
         shares = lattice(self.dim, self.count)[1] @ piece.corners
         return values_at_shares(self.mesh, numbers, shares, self.value, self.kind)

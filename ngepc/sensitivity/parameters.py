@@ -29,6 +29,7 @@ from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.conditions import at_rows, roller_rows
 from ngepc.discretisation.finer import seen, seen_problem
+from ngepc.discretisation.gap_records import nearer_between_nodes
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.polynomials import is_polynomial
@@ -169,6 +170,7 @@ def changed_data(state: State, direction: Direction) -> Data:
         return _prescribed(state, other, change)
     gaps = np.zeros(len(discrete.contact))
     whole = all(is_number(value) and value == 1 for value in change.values())
+    _require_gaps_linear(problem, change)
     moved = 1.0 if whole else contact_rows(other, discrete.supports).gaps
     gaps[discrete.contact.on_obstacles] = moved
     return Data(gaps=gaps)
@@ -198,6 +200,18 @@ def require_linear(state: State, direction: Direction) -> None:
                 "changes by a number, by constants on elements or by the datum itself have a "
                 "derivative"
             )
+
+
+def _require_gaps_linear(problem: Problem, change: Mapping) -> None:
+    """Refuse changes by which gaps that are lowered between nodes do not change linearly."""
+    gap = problem.gap
+    given = gap if isinstance(gap, Mapping) else dict.fromkeys(change, gap)
+    known = all(is_number(v) or v is given[n] for n, v in change.items())
+    if not known and nearer_between_nodes(problem):
+        raise ValueError(
+            "parameters='gap' with an obstacle that stands nearer between nodes: only changes by a "
+            "number or by the gap itself have a derivative"
+        )
 
 
 def _material_datum(problem: ProblemData, datum: str) -> object:
