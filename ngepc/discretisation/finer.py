@@ -125,6 +125,28 @@ def seen_material(material: Material, points: Points) -> Material:
     return other
 
 
+def unresolved_data(problem: ProblemData) -> str:
+    """A sentence about data with projections, which the mesh does not resolve; empty without."""
+    material = problem.material
+    laws = [law for law in (material.law, material.rate) if law is not None]
+    given = {f.name: getattr(material, f.name) for f in fields(material)}
+    given |= {
+        f"{type(law).__name__}.{n}": v for law in laws for n, v in vars(law).items()
+    }
+    given["initial_strain"] = problem.initial_strain
+    varying = {n: v for n, v in given.items() if not is_polynomial(v, problem.mesh)}
+    if not varying:
+        return ""
+    points = Points(problem.mesh, problem.kinematics, problem.order)
+    names = [n for n, v in varying.items() if seen(v, points) is not v]
+    if not names:
+        return ""
+    return (
+        f"Between integration points {', '.join(names)} varies: its integrals over elements are "
+        "kept, but the mesh does not follow it; refine it there, or let its edges follow jumps."
+    )
+
+
 def _law_seen(law: object, look: Callable) -> object:
     """A law of hardening or of the rate with seen data."""
     if law is None:

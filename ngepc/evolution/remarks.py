@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ngepc.discretisation.finer import unresolved_data
 from ngepc.discretisation.gap_records import nearer_between_nodes
 from ngepc.discretisation.sampled import what_is_unseen
 from ngepc.evolution.result import EvolutionStep
@@ -31,7 +32,7 @@ def remarks(steps: Sequence[EvolutionStep]) -> str:
     problem = steps[-1].fields.problem
     if problem.contact is not None and not any(s.record.contact_force for s in steps):
         found.append("Nothing touches the obstacle in any step.")
-    notes = (order_note, what_is_unseen, nearer_between_nodes)
+    notes = (order_note, what_is_unseen, unresolved_data, nearer_between_nodes)
     found += filter(None, (note(problem) for note in notes))
     maximum = problem.processes.maximum
     sizes = [

@@ -11,6 +11,7 @@ from ngsolve import H1, CoefficientFunction, Grad, GridFunction, Norm, VectorH1
 
 from ngepc.checks.sentences import in_percent
 from ngepc.discretisation.body import Iterate
+from ngepc.discretisation.finer import unresolved_data
 from ngepc.discretisation.gap_records import deepest_overlap, nearer_between_nodes
 from ngepc.discretisation.mortar import deepest_pair_overlap
 from ngepc.discretisation.rows import ContactRows
@@ -378,7 +379,7 @@ class DiscreteSolution(Result):
                 f"Between nodes the body overlaps an obstacle by up to {self._hidden_overlap:.3g}: "
                 "refine the contact boundary there."
             )
-        notes = (order_note, what_is_unseen, nearer_between_nodes)
+        notes = (order_note, what_is_unseen, unresolved_data, nearer_between_nodes)
         found += filter(None, (note(self.problem) for note in notes))
         return found
 

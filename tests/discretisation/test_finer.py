@@ -202,8 +202,12 @@ def test_other_derivatives_are_refused_by_name():
 
 
 def test_the_message_says_what_remains_unseen():
+    problem = pressed(yield_stress=strip(0.37), hardening=10 + sin(x))
     said = "yield_stress (at 1/48 of each edge of an element)"
-    assert said in what_is_unseen(pressed(yield_stress=strip(0.37)))
+    assert said in what_is_unseen(problem)
+    message = semismooth_newton(problem).message
+    assert said in message
+    assert "Between integration points yield_stress varies:" in message
 
 
 def test_two_processes_have_the_same_energy():
