@@ -493,10 +493,12 @@ def test_cells_in_a_ring_do_not_pass(tmp_path):
     way = arrays["way"].copy()
     for cell, after in zip(ring, np.roll(ring, 1), strict=True):
         way[cell] = np.flatnonzero(~np.isin(cells[:, cell], cells[:, after]))[0]
-    for size in (0.0, 1e-20, 1.0):
-        forces = np.maximum(arrays["passed"], size)
+    names = "stress", "body_force", "traction", "pressure", "passed"
+    nothing = {name: 0 * arrays[name] for name in names}
+    forged = [{"passed": np.maximum(arrays["passed"], size)} for size in (0, 1e-20, 1)]
+    for changed in (*forged, nothing):
         r = check_receipt.opened(
-            members(arrays | {"way": way, "passed": forces}, header), header
+            members(arrays | {"way": way} | changed, header), header
         )
         with pytest.raises(ValueError, match=r"^passed: too little"):
             check_receipt.energies(r)
