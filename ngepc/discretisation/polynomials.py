@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 from ngsolve import CF, CoefficientFunction, GridFunction, Mesh
 
-from ngepc.checks.arguments import Coefficient, is_number
+from ngepc.checks.arguments import Coefficient
 from ngepc.checks.coefficients import FUNCTION, foreign_meshes, leaves_of
 
 HIGHEST = 3
@@ -51,7 +51,7 @@ def is_polynomial(
 
     A function of another mesh than ``mesh`` is none on the elements of this one.
     """
-    if value is None or is_number(value) or not isinstance(value, CoefficientFunction):
+    if not isinstance(value, CoefficientFunction):
         return True
     if mesh is not None and foreign_meshes("data", value, mesh):
         return False

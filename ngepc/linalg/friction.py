@@ -386,8 +386,7 @@ class FrictionCone:
             found = self._from_starts(S, gaps, forces, rigid)
         for other in found:
             apart = other - forces
-            size = np.maximum(np.abs(other), np.abs(forces))
-            if apart @ S @ apart > DIFFERENT**2 * (sizes @ size**2):
+            if apart @ S @ apart > DIFFERENT**2 * (sizes @ forces**2):
                 return other  # forces on held tangents do no work: they are no other equilibrium
         return None
 

@@ -7,7 +7,8 @@ crashes, or that does not end in time.  A line that no test executes leaves a su
 
 The map of tests and lines is a folder, made where there is none; it has to be removed when lines
 have moved.  Cells that were judged are kept, ``--again`` tries those that survived once more, after
-tests have been written, ``--judged`` shows what there is.
+tests have been written, ``--judged`` shows what there is.  The table has both shares: at first
+sight, which says what to expect of another draw, and now.
 
 ``survivors.json`` beside this file says of a survivor why no test can or need notice it.
 """
@@ -65,10 +66,10 @@ NOTE = (
     "Each mutant is the package with one fault. Tests that execute the changed line run until one "
     "fails, those of the same package first; a test may take {study.seconds:g} s. A mutant "
     "survives if no test executes the line or no test fails. It is equivalent if no user of the "
-    "package can notice it; the table gives the reason. Share: killed over all that are not "
-    "equivalent. Tests were written for the survivors of this draw, so that fewer faults of "
-    "another draw (--seed) are detected. {study.elsewhere} is not included: make test-petsc tests "
-    "it where PETSc is installed."
+    "package can notice it; the table gives the reason. Shares: killed over all that are not "
+    "equivalent, at first sight and now. Between the two, tests were written for survivors of this "
+    "draw, so that the first is what to expect of another draw (--seed). {study.elsewhere} is not "
+    "included: make test-petsc tests it where PETSc is installed."
 )
 
 
@@ -107,7 +108,7 @@ class Mutants(Work):
     name, title = "mutants", "Faults that tests detect"
     columns = (
         "room = {room} | line = {module}:{line} | kind = {kind} | before = `{before}` "
-        "| after = `{after}` | verdict = {verdict} | by, or why = {why}"
+        "| after = `{after}` | at first = {first} | verdict = {verdict} | by, or why = {why}"
     )
     note = NOTE
     elsewhere = ELSEWHERE
@@ -179,6 +180,7 @@ class Mutants(Work):
             survived = super().kept(cell)[0]["verdict"] == "survived"
             if survived and self.reason(cell) is None:
                 path.unlink()
+                self.survivors.add(cell["mutant"])
         return super().kept(cell)
 
     def solve(self, room, module, mutant):
@@ -209,7 +211,8 @@ class Mutants(Work):
                 record |= verdict(found)
         if record["verdict"] == "killed":
             self.killers[tests_of(record)] += 1
-        return record
+        first = "survived" if mutant in self.survivors else record["verdict"]
+        return record | {"first": first}
 
     def found(self, module, mutation, tests, seconds):
         """What tests say about a mutant.
@@ -251,6 +254,11 @@ class Mutants(Work):
         return Counter()
 
     @cached_property
+    def survivors(self):
+        """Names of mutants that survived earlier, and are judged again."""
+        return set()
+
+    @cached_property
     def executed(self):
         """Which tests execute a line."""
         if not any(self.map.glob("cov.*")):
@@ -280,9 +288,10 @@ class Mutants(Work):
         return [self.excused(record) for record in records]
 
     def excused(self, record):
-        """A record with its reason."""
+        """A record with its reason and its verdict at first sight."""
         why = self.reason(record)
-        record = record | {"why": PLACES.sub("...", record["why"])}
+        known = {"first": record["verdict"]}
+        record = known | record | {"why": PLACES.sub("...", record["why"])}
         if record["verdict"] == "killed" or why is None:
             return record
         return record | {"verdict": "equivalent", "why": why}
@@ -298,9 +307,11 @@ class Mutants(Work):
         return f"{where} {what[:80]}: {record['verdict']}, {record['why'][:90]}"
 
     def notes(self, records):
-        """The share of each room."""
-        lines = ["| room | mutants | equivalent | killed | share |"]
-        lines += ["| --- | --- | --- | --- | --- |"]
+        """The shares of each room; ``records`` are those of the table."""
+        lines = [
+            "| room | mutants | equivalent | killed at first | share | killed | share |"
+        ]
+        lines += ["| --- | --- | --- | --- | --- | --- | --- |"]
         for room in (*ROOMS, "all"):
             mine = [r for r in records if room in (r["room"], "all")]
             if mine:
@@ -310,13 +321,18 @@ class Mutants(Work):
 
 def share(room, records):
     """A line of the table of rooms."""
-    counts = [
-        sum(record["verdict"] == word for record in records)
-        for word in ("equivalent", "killed")
-    ]
-    judged = len(records) - counts[0]
-    part = f"{100 * counts[1] / judged:.0f} %" if judged else ""
-    return f"| {room} | {len(records)} | {counts[0]} | {counts[1]} | {part} |"
+    equivalent = sum(record["verdict"] == "equivalent" for record in records)
+    judged = len(records) - equivalent
+    entries = [room, len(records), equivalent]
+    for verdicts in ("first", "verdict"):
+        killed = [
+            record[verdicts] == "killed"
+            for record in records
+            if record["verdict"] != "equivalent"
+        ]
+        part = f"{100 * sum(killed) / judged:.0f} %" if judged else ""
+        entries += [sum(killed), part]
+    return f"| {' | '.join(map(str, entries))} |"
 
 
 def tests_of(record):

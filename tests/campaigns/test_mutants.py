@@ -2,11 +2,12 @@
 
 import ast
 import shutil
+from types import SimpleNamespace
 
 import pytest
 from campaigns import mutants
 from campaigns.executed import Executed
-from campaigns.mutants import Bench, verdict
+from campaigns.mutants import Bench, Mutants, verdict
 from campaigns.mutations import mutations
 
 MODULE = '''"""A module."""
@@ -94,6 +95,52 @@ def test_names_of_tests_may_have_colons():
     assert mutants.tests_of(killed) == name
     assert mutants.tests_of({"verdict": "killed", "why": "its import: x"}) == ""
     assert mutants.tests_of({"verdict": "survived", "why": f"{name}: x"}) == ""
+
+
+@pytest.fixture
+def study(tmp_path, monkeypatch):
+    """A campaign of three mutants whose tests answer as one says, in ``answers``."""
+    all_found = {m.name("room/ten.py"): m for m in mutations(MODULE)}
+    names = sorted(all_found)[:3]
+    study = Mutants(tmp_path)
+    study.mutations = {("room/ten.py", name): all_found[name] for name in names}
+    study.executed = SimpleNamespace(
+        tests=lambda *_: ["tests/room/test_ten.py::test_it"],
+        costs={"tests/room/test_ten.py::test_it": 0.1},
+    )
+    study.reasons = {("room/ten.py", names[2]): "It is the same."}
+    study.answers = {name: 0 for name in names}
+    of = {mutation: name for name, mutation in all_found.items()}
+
+    def found(module, mutation, tests, seconds):
+        code = study.answers[of[mutation]]
+        return {"code": code, "seconds": 0.1, "by": tests[0]}
+
+    monkeypatch.setattr(study, "found", found)
+    cells = [{"room": "room", "module": "room/ten.py", "mutant": n} for n in names]
+    monkeypatch.setattr(study, "cells", lambda: cells)
+    return study
+
+
+def test_both_shares_are_said(study):
+    """A mutant that a new test kills survived at first sight, whatever comes after."""
+    first, second, _ = study.answers
+    study.trusted = True
+    assert [r["verdict"] for r in study.run()] == 3 * ["survived"]
+    study.again = True
+    study.answers[first] = 1
+    study.run()
+    records = study.table_rows(study.run())
+    assert [r["first"] for r in records] == 3 * ["survived"]
+    assert [r["verdict"] for r in records] == ["killed", "survived", "equivalent"]
+    assert mutants.share("room", records) == "| room | 3 | 1 | 0 | 0 % | 1 | 50 % |"
+    assert mutants.share("room", records[2:]) == "| room | 1 | 1 | 0 |  | 0 |  |"
+    study.again = False
+    study.answers[second] = 1  # it is not judged any more
+    assert study.table_rows(study.run()) == records
+    study.path_of(study.cells()[0]).unlink()
+    study.survivors.clear()
+    assert study.run()[0]["first"] == "killed"
 
 
 @pytest.fixture

@@ -7,7 +7,12 @@ import pytest
 
 from ngepc import Material, Problem, semismooth_newton
 from ngepc.discretisation import contact_step
-from ngepc.discretisation.contact_step import SEARCHED, several_solutions
+from ngepc.discretisation.contact_step import (
+    LINEARISED,
+    SEARCHED,
+    is_unique,
+    several_solutions,
+)
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
 from ngepc.model.processes import Team
@@ -64,6 +69,94 @@ def test_more_rows_that_press_or_are_tied_are_not_examined(multipliers, tied, ex
     assert message.startswith("Friction on 6 rows: ")
     assert "not examined" in message
     assert examined == []
+
+
+@pytest.mark.parametrize(
+    ("most", "enumerable", "plastic", "message"),
+    [
+        (8, True, 0.0, ""),
+        (8, True, 0.1, LINEARISED),
+        (8, False, 0.0, SEARCHED),
+        (4, True, 0.0, SEARCHED),
+    ],
+)
+def test_what_proves_that_there_is_no_other_equilibrium(
+    most, enumerable, plastic, message, examined
+):
+    """That all states of all rows of an elastic body were tried."""
+    here = state([2, 1, 0, 0], 4 * [False], [0.0, 0.0, 0.1, 0.2])
+    here.body.contact.friction.enumerable = enumerable
+    here.plastic_measure = plastic
+    assert several_solutions(here, None, most=most) == (False, message)
+    assert len(examined[0]) == most // 2
+
+
+def test_another_equilibrium_is_said_with_its_force(monkeypatch):
+    """The sums of the normal forces of rows that are not tied."""
+    other = np.array([-5.0, 4.0, 2.0, 8.0, 8.0, 8.0])
+    monkeypatch.setattr(contact_step, "_other_forces", lambda *_: other)
+    here = state([3.0, 2.0, -7.0], [False, False, True], 3 * [0.0])
+    several, message = several_solutions(here, None, most=6)
+    assert several
+    assert "force 6 instead of 5." in message
+
+
+@pytest.mark.parametrize("size", [0.02, 0.05, 0.1, 0.2, 0.4, 0.5])
+def test_how_many_steps_prove_that_forces_are_unique(size):
+    """As many as leave a chance of 1e-6, by the bound of Kuczynski and Wozniakowski.
+
+    The values of Ritz are those of the Krylov space, by dense matrices.
+    """
+    random = np.random.default_rng(3)
+    m = 15
+    Q = random.normal(size=(2 * m, 2 * m)) / np.sqrt(2 * m)
+    S = Q @ Q.T + 2 * np.eye(2 * m)
+    follows = size * random.uniform(-1, 1, (m, 1))
+    asked = []
+
+    def compliance(d):
+        asked.append(d)
+        return S @ d
+
+    assert is_unique(follows, compliance, lambda g: np.linalg.solve(S, g))
+    E = np.zeros((2 * m, 2 * m))
+    E[m:, :m] = np.diag(follows[:, 0])
+    root = np.linalg.cholesky(S)
+    both = (E.T @ S + S @ E) / 2
+    A = np.linalg.solve(root, np.linalg.solve(root, both).T)
+    start = np.linalg.solve(root, np.random.default_rng(0).standard_normal(2 * m))
+    basis = np.zeros((2 * m, 0))
+    for k in range(1, 2 * m):
+        new = A @ basis[:, -1] if k > 1 else start
+        for _ in range(2):
+            new = new - basis @ (basis.T @ new)
+        basis = np.column_stack([basis, new / np.linalg.norm(new)])
+        ritz = np.linalg.eigvalsh(basis.T @ A @ basis)
+        spread = (1 - ritz[-1]) / (1 - ritz[0])
+        chance = 1.648 * np.sqrt(2 * m) * np.exp(-(2 * k - 1) * np.sqrt(spread))
+        if chance <= 1e-6:
+            break
+    assert len(asked) == k < 2 * m - 1
+
+
+def test_large_coefficients_are_not_proved_to_be_unique():
+    """Where the largest quotient is above one."""
+    S = np.eye(8)
+    follows = np.full((4, 1), 2.5)
+    assert not is_unique(follows, lambda d: S @ d, lambda g: g)
+    assert is_unique(0.7 * follows, lambda d: S @ d, lambda g: g)
+
+
+def test_the_first_guess_of_the_compliance():
+    """Rows are as stiff as their nodes and the springs of rollers together."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    metal = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0
+    )
+    problem = Problem(mesh, metal, contact="contact", gap=-1e-3, order=1)
+    body = semismooth_newton(problem).state.body
+    body.contact.springs = lambda stiffness: 3 * stiffness
+    np.testing.assert_allclose(4 * body.row_stiffness * body.compliance().diagonal, 1.0)
 
 
 def test_factors_with_springs_of_the_rows():

@@ -127,6 +127,31 @@ def test_changes_of_the_return(law):
     np.testing.assert_allclose(found[clear], expected[clear], atol=2e-3)
 
 
+@pytest.mark.parametrize("name", ["kinematic", "Hill"])
+def test_the_free_component_has_no_stress(name):
+    """In plane stress: of moduli alone, and of what ``linearised`` and ``condensed`` make of it."""
+    problem = Problem(SQUARE, METALS[name], kinematics="plane stress")
+    law = law_of(problem, Points(SQUARE, problem.kinematics, 1))
+    random = np.random.default_rng(8)
+    volume = 1e-3 * random.normal(size=len(law.beta))
+    at = law.returned(volume, 4e-3 * random.normal(size=law.back.shape))
+    assert at.yields.any()
+    w = law.yielding_part(at)
+    moduli = law.closed_moduli(at, w)
+    volume, e = random.normal(size=volume.shape), random.normal(size=law.back.shape)
+    whole, completed = law.with_free_component(moduli, volume, e)
+    mean, stress = moduli.stress(whole, completed)
+    size = moduli.bulk * (np.abs(volume) + np.linalg.norm(e, axis=1))
+    assert np.abs((mean + stress @ law.across) / size).max() < 1e-12
+    np.testing.assert_allclose(completed - e, np.outer(whole - volume, law.across))
+    others = law.moduli(at, w).stress(volume, e)
+    np.testing.assert_allclose(others[0], mean, atol=1e-9)
+    np.testing.assert_allclose(others[1], stress, atol=1e-9)
+    found = law.linearised(at, w, volume, e)
+    ahead = law.moved(at, w, law.two_mu[:, None] * completed)
+    np.testing.assert_allclose(found, ahead)
+
+
 def test_conjugate_of_the_energy(law):
     """Young: phi(e) + phi*(s) = s : e for the stress of a strain, more for all others."""
     volume, e = strains(law)

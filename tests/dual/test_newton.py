@@ -272,6 +272,10 @@ def test_open_gap_adheres_with_the_penalty(small):
         ({"gamma": -1.0}, "gamma=-1.0"),
         ({"gamma": math.nan}, "gamma=nan"),
         ({"gamma": 1e3, "start": 3}, "start=3"),
+        ({"options": 3}, "options=3"),
+        ({"gamma": 1e3, "options": 3}, "options=3"),
+        ({"regularisation": 3}, "regularisation=3"),
+        ({"monitor": 3}, "monitor=3"),
     ],
 )
 def test_bad_arguments_are_named(small, arguments, message):

@@ -1,18 +1,23 @@
 """Pieces of limit loads beside plain statements: widths, units, moving supports, mechanisms."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from ngsolve import ET, IntegrationRule
+from scipy.sparse import csr_matrix
 
 from ngepc import LimitStatus, Material, Problem, limit_load
 from ngepc.geometries import block
 from ngepc.limit.bernstein import bernstein_values, multi_indices
 from ngepc.limit.bracket import bracket_on
-from ngepc.limit.data import GROWS, barycentric
-from ngepc.limit.load import width_of
-from ngepc.limit.reading import limit_data
+from ngepc.limit.data import GROWS, STAYS, barycentric
+from ngepc.limit.flow_proof import _of_speeds
+from ngepc.limit.load import MARKING, Search, width_of
+from ngepc.limit.outline import Outline
+from ngepc.limit.reading import growing_names, limit_data
+from ngepc.limit.repair import Projection
 from ngepc.limit.yielding import SHAPES, SLIP
 
 CLAY = Material.kinematic(
@@ -27,6 +32,67 @@ def test_widths():
     assert width_of(-2.0, -1.0) == 0.5
     for lower, upper in ((0.0, 1.0), (1.0, math.inf), (-math.inf, 1.0)):
         assert width_of(lower, upper) == math.inf
+
+
+def searched(N, width, tolerance):
+    """A search between bounds of this relative width: the share of cells, and whether it ends."""
+    cells = SimpleNamespace(N=N)
+    search = SimpleNamespace(
+        lower=2.0, upper=2.0 + 2.0 * width, tolerance=tolerance, is_last=None
+    )
+    search.data = SimpleNamespace(cells=cells)
+    return Search.share(search), search.is_last
+
+
+@pytest.mark.parametrize("tolerance", [1e-1, 1e-3])
+def test_how_many_cells_are_cut(tolerance):
+    """Half of the gap's far from the end; in the plane the next mesh is the last one near to it."""
+    for N in (2, 3):
+        assert searched(N, math.inf, tolerance)[0] == MARKING
+        shares = [searched(N, c * tolerance, tolerance)[0] for c in (1.5, 1.8, 2.0)]
+        assert 0.25 <= shares[0] < shares[1] < shares[2] < 0.8
+        assert searched(N, 100 * tolerance, tolerance) == (MARKING, False)
+    assert searched(2, 3.0 * tolerance, tolerance)[1]
+    assert not searched(2, 3.1 * tolerance, tolerance)[1]
+    assert not searched(3, 1.5 * tolerance, tolerance)[1]
+
+
+def test_the_power_of_speeds_is_bounded():
+    """By the size of all loads, cell by cell: no less than that of a flow along each of them."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    loads = {"traction": {"right": (3.0, 4.0)}, "body_force": (0.3, -0.4)}
+    problem = Problem(mesh, CLAY, "clamped", **loads)
+    for growing in (None, ["right"]):
+        data = limit_data(problem, growing_names(problem, growing))
+        cells = data.cells
+        speed = np.random.default_rng(1).uniform(1, 2, len(cells.nodes))
+        strained = np.zeros(len(speed))
+        found = _of_speeds(data, Outline(cells), speed, strained)
+        forces = 0.5 * cells.volume @ speed
+        right = [f for f in np.flatnonzero(cells.outer) if data.traction[:, f].any()]
+        assert len(right) == 2
+        tractions = sum(5 * 0.5 * speed[cells.owners[f, 0]] for f in right)
+        powers = {GROWS: tractions, STAYS: 0.0}
+        powers[STAYS if growing else GROWS] += forces
+        for kind, power in powers.items():
+            assert power <= found.power[kind] <= power * (1 + 1e-9)
+
+
+def test_projections_satisfy_equations_up_to_rounding():
+    """Dependent rows among them; the change is the smallest one."""
+    random = np.random.default_rng(0)
+    A = random.normal(size=(6, 10)) * np.logspace(-3, 3, 6)[:, None]
+    A[:, 9] = 0.0
+    near = A[1] + 1e-3 * np.linalg.norm(A[1]) * np.append(random.normal(size=9), 0.0)
+    A = np.vstack([A, A[0] + 1e-3 * A[1], near])
+    solution = random.normal(size=10)
+    x = solution + random.normal(size=10)
+    projection = Projection(csr_matrix(A), A @ solution)
+    found = projection(x)
+    assert np.abs(projection.residual(found)).max() < 1e-14 * np.abs(x).max()
+    scaled = A / np.linalg.norm(A, axis=1, keepdims=True)
+    nearest = x + np.linalg.pinv(scaled, rcond=1e-9) @ (scaled @ (solution - x))
+    np.testing.assert_allclose(found, nearest, atol=1e-9)
 
 
 @pytest.mark.parametrize("loads", [{"traction": 2e-3}, {"body_force": -5e-4}])

@@ -3,6 +3,7 @@
 import itertools
 import math
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from ngepc.bounds.simplices import FACETS
 from ngepc.geometries import block
 from ngepc.limit.bernstein import multi_indices
 from ngepc.limit.bracket import bracket_on, centre_of
-from ngepc.limit.data import GROWS
+from ngepc.limit.data import GROWS, STAYS
 from ngepc.limit.enclosed import Enclosed, cross
+from ngepc.limit.flow_proof import Removal, proved
 from ngepc.limit.outline import Outline, tree_from
 from ngepc.limit.reading import growing_names, limit_data
 from ngepc.limit.static import Statics
@@ -319,6 +321,52 @@ def test_the_upper_bound_is_above_that_of_an_exact_mechanism():
             power += load @ exact[2 * number : 2 * number + 2] * length / 3
     assert below / float(power) <= found.factor <= above / float(power) + 1e-9
     assert float(power) >= 1.0
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_quotients_of_proofs_are_not_below_the_exact_ones(moves):
+    """Dissipation less the power of what stays, over that of what grows; by fractions."""
+    random = np.random.default_rng(9)
+    data = SimpleNamespace(moves=moves)
+    for _ in range(200):
+        size = 10.0 ** random.integers(-6, 7)
+        cells, removed = random.uniform(0, 1, (2, 3))
+        others, grows, stays = random.uniform(0, 1e-3, 3)
+        radius = 1e-14 * size
+        middle = size * random.normal()
+        if random.random() < 0.5:
+            stays = middle = abs(middle)  # they cancel
+        power = random.uniform(1, 2)
+        powers = {STAYS: Enclosed(middle, radius), GROWS: Enclosed(power, radius)}
+        radii = {STAYS: stays, GROWS: grows}
+        removal = Removal(removed, (radii[0], radii[1]))
+        found = proved(data, (powers[0], powers[1]), removal, cells, others)
+        exact = [
+            Fraction(a) for a in (*cells, *removed, others, stays, radius, -middle)
+        ]
+        total = sum(exact)
+        sign = 1 if total > 0 else -1
+        over = Fraction(1)
+        if not moves:
+            over = Fraction(power) - sign * (Fraction(radius) + Fraction(grows))
+        bound = total / over
+        assert Fraction(found.factor) >= bound
+        assert found.factor <= float(bound) + 1e-11 * (size + 10)
+        dissipated = [
+            Fraction(a) + Fraction(b) for a, b in zip(cells, removed, strict=True)
+        ]
+        assert all(
+            Fraction(a) >= b for a, b in zip(found.dissipated, dissipated, strict=True)
+        )
+    too_weak = Removal(removed, (2.0, 2.0))
+    found = proved(
+        SimpleNamespace(moves=False),
+        (Enclosed(1.0), Enclosed(1.0)),
+        too_weak,
+        cells,
+        0.0,
+    )
+    assert found.factor == math.inf
 
 
 def test_trees_lead_from_all_cells_to_the_outside():

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from ngepc.linalg import friction
 from ngepc.linalg.contact_states import (
     _Laws,
     can_be_enumerated,
@@ -13,6 +14,8 @@ from ngepc.linalg.contact_states import (
     states_of_rows,
 )
 from ngepc.linalg.friction import (
+    FACTORS,
+    SHIFTS,
     STARTS,
     FrictionCone,
     _Equation,
@@ -21,6 +24,7 @@ from ngepc.linalg.friction import (
     in_box,
     lowered_in_box,
     matrix_of_rows,
+    up_to_the_first_bound,
 )
 from ngepc.linalg.secants import Compliance
 
@@ -217,6 +221,95 @@ def test_forces_in_a_box_where_exchanges_come_back():
     assert (w * np.sign(change) <= 1e-12)[~inside].all()
 
 
+def test_exchanges_confirm_a_solution_by_one_system(monkeypatch):
+    """They start from the bounds that forces are at, where others start from none."""
+    random = np.random.default_rng(4)
+    n = 15
+    W = Compliance.of(compliance(n, random))
+    gaps = random.normal(size=n)
+    low, high = -random.uniform(0, 0.3, n), random.uniform(0, 0.3, n)
+    high[:3] = low[:3]
+    x = exchanged(W, gaps, np.zeros(n), low, high)
+    assert 0 < (x == low).sum() - 3 < n
+    assert 0 < (x == high).sum() - 3 < n
+    free = (low < x) & (x < high)
+    asked = []
+    block = W.block
+    monkeypatch.setattr(W, "block", lambda rows: asked.append(rows) or block(rows))
+    change = exchanged(W, gaps + W @ x, x, low, high)
+    assert np.abs(change).max() < 1e-14
+    np.testing.assert_array_equal(asked, [free])
+
+
+@pytest.mark.parametrize("method", [exchanged, lowered_in_box])
+def test_forces_may_reach_a_bound_without_pressing_on_it(method):
+    """Their gradient is zero there; the change ends exactly at the bound."""
+    W = Compliance(np.array([1.0, 2.0, 4.0]))
+    low, high = np.full(3, -1.0), np.full(3, 2.0)
+    forces = np.array([0.5, 0.5, 0.25])
+    solution = np.array([2.0, -1.0, 1.0])
+    gaps = -(W @ (solution - forces))
+    found = method(W, gaps, forces, low, high)
+    change = found if method is exchanged else found[0]
+    np.testing.assert_array_equal(forces + change, solution)
+
+
+@pytest.mark.parametrize("descents", [0, 1])
+def test_steps_that_descend_say_if_they_have_not_ended(descents, monkeypatch):
+    """What they have by then obeys the bounds, and has no more energy than the start."""
+    monkeypatch.setattr(friction, "DESCENTS", descents)
+    random = np.random.default_rng(2)
+    n = 20
+    apart = np.arange(n)[:, None] - np.arange(n)
+    W = Compliance.of(np.exp(-((apart / 6.0) ** 2)) + 1e-8 * np.eye(n))
+    gaps = random.normal(size=n)
+    high = random.uniform(0, 1, n)
+    forces = 2 * random.normal(size=n)
+    start = np.clip(forces, -high, high) - forces
+    change, exact = lowered_in_box(W, gaps, forces, -high, high)
+    assert not exact
+    assert (np.abs(forces + change) <= high * (1 + 1e-14)).all()
+    energy = [gaps @ d + d @ (W @ d) / 2 for d in (start, change)]
+    if descents:
+        assert energy[1] < energy[0]
+    else:
+        np.testing.assert_array_equal(change, start)
+
+
+def test_the_first_bound_on_a_way():
+    """Force by force: the way ends where one of them meets a bound, exactly there."""
+    random = np.random.default_rng(6)
+    for _ in range(20):
+        low, high = -random.uniform(0.1, 1, 6), random.uniform(0.1, 1, 6)
+        x = random.uniform(low, high)
+        step = random.normal(size=6)
+        step[2] = 0.0
+        lengths = [
+            ((b if s > 0 else a) - here) / s if s else np.inf
+            for here, s, a, b in zip(x, step, low, high, strict=True)
+        ]
+        first = int(np.argmin(lengths))
+        end = up_to_the_first_bound(x, step, low, high)
+        np.testing.assert_allclose(end, x + lengths[first] * step, atol=1e-15)
+        assert end[first] == (high if step[first] > 0 else low)[first]
+
+
+@pytest.mark.parametrize("rows", ["Tresca", "tied", "without tangents"])
+def test_given_bounds_in_the_plane_need_no_newton_steps(rows, monkeypatch):
+    """They are a box, which exchanges solve a hundred times faster where rows are many."""
+    monkeypatch.setattr(_Equation, "solved", None)
+    random = np.random.default_rng(7)
+    m, d = 8, int(rows != "without tangents")
+    rule = cone("Tresca" if rows == "Tresca" else "tied", m, d, random)
+    if rows == "tied":
+        rule = replace(rule, tied=np.ones(m, dtype=bool), coefficient=np.zeros(m))
+    S = compliance(m * (1 + d), random)
+    gaps = random.normal(size=len(S))
+    x, exact = rule(Compliance.of(S), gaps, np.zeros(len(S)))
+    assert exact
+    assert offence(rule, x, gaps + S @ x) < 1e-10
+
+
 def one_row(law, S, gaps):
     """All equilibria of one row, from the text book: the states one by one."""
     mu, cap = law.coefficient[0], law.cap[0]
@@ -340,6 +433,44 @@ def test_searches_have_so_many_starts():
         n, t = rule.split(start)
         assert (n >= 0).all()
         assert (np.linalg.norm(t, axis=1) <= rule.bound(n) + 1e-12).all()
+
+
+@pytest.mark.parametrize("d", [1, 2])
+def test_where_searches_start(d):
+    """Stuck rows, slips the other way, friction at its bound, solutions of neighbours."""
+    random = np.random.default_rng(2)
+    m = 4
+    rule = cone("limited", m, d, random)
+    S = compliance(m * (1 + d), random)
+    gaps = random.normal(size=len(S))
+    x = rule(Compliance.of(S), gaps, np.zeros(len(S)))[0]
+    there = gaps + S @ x
+    starts = list(rule.starts(Compliance.of(S), there, x))
+    stuck = -np.linalg.solve(S, gaps)
+    np.testing.assert_allclose(starts[1], rule.projected(stuck))
+
+    n, t = rule.split(x)
+    back, ahead, behind = (rule.split(start) for start in starts[2:5])
+    np.testing.assert_allclose(back[1], -t)
+    for pressing, _ in (back, ahead, behind):
+        np.testing.assert_allclose(pressing, np.maximum(n, np.maximum(stuck[:m], 0)))
+    presses_more = stuck[:m] >= n
+    assert presses_more.any()
+    one_way = np.repeat(rule.bound(stuck[:m])[:, None], d, axis=1) / np.sqrt(d)
+    np.testing.assert_allclose(ahead[1][presses_more], one_way[presses_more])
+    np.testing.assert_allclose(behind[1], -ahead[1])
+
+    for factor, start in zip(FACTORS, starts[5:], strict=False):
+        other = replace(rule, coefficient=factor * rule.coefficient)
+        neighbour = other(Compliance.of(S), gaps, np.zeros(len(S)))[0]
+        np.testing.assert_allclose(start, rule.projected(neighbour), atol=1e-12)
+    size = np.abs(gaps).max()
+    normal = np.append(np.ones(m), np.zeros(m * d))
+    others = [factor * gaps for factor in FACTORS]
+    others += [gaps + shift * size * normal for shift in SHIFTS]
+    others += [gaps + shift * size * (1 - normal) for shift in SHIFTS]
+    for loaded, start in zip(others, starts[5 + len(FACTORS) :], strict=True):
+        assert offence(rule, start, loaded + S @ start) < 1e-10
 
 
 @pytest.mark.parametrize("law", ["Tresca", "tied"])

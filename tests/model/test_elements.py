@@ -163,6 +163,17 @@ def test_moved_vertices_of_parallelograms_are_refused():
     check_mesh(Mesh(mesh.ngmesh))
 
 
+def test_quadrilaterals_may_have_a_flat_corner():
+    """Its determinant is zero but for rounding, of either sign; the others say which way round."""
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        t = random.uniform(0.2, 0.8)
+        points = np.array([(0.0, 0.0), (1.0, 0.1), (0.0, 0.0), (0.2, 1.0)])
+        points[2] = t * points[1] + (1 - t) * points[3]
+        for order in ((0, 1, 2, 3), (0, 3, 2, 1)):
+            check_mesh(triangles_of(points.tolist(), [order]))
+
+
 def test_degenerate_and_inverted_elements_are_refused():
     """An element of zero area, one of rounding's area, two that are oriented differently."""
     points = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 0.0), (0.5, 1e-16), (1.0, 1.0)]
@@ -172,6 +183,11 @@ def test_degenerate_and_inverted_elements_are_refused():
             check_mesh(triangles_of(points, [(0, 1, 2), flat]))
     with pytest.raises(ValueError, match="inverted elements"):
         check_mesh(triangles_of(points, [(0, 1, 2), (1, 2, 5)]))
+    # all of them may be clockwise
+    check_mesh(triangles_of(points, [(0, 2, 1), (1, 2, 5)]))
+    for flat in ((0, 1, 3), (0, 4, 1)):
+        with pytest.raises(ValueError, match="degenerate elements"):
+            check_mesh(triangles_of(points, [(0, 2, 1), flat]))
     with pytest.raises(ValueError, match="has no elements"):
         check_mesh(triangles_of(points, []))
 

@@ -111,14 +111,14 @@ def test_a_sheet_between_rigid_sides():
 def test_thickness_multiplies_forces_and_energies():
     load = {"traction": {"right": (1.5, 0.0)}}
     one = semismooth_newton(sheet(**load))
-    thick = semismooth_newton(sheet(**load, thickness=2.5))
-    assert thick.primal_energy == pytest.approx(2.5 * one.primal_energy, rel=1e-12)
+    thick = semismooth_newton(sheet(**load, thickness=0.4))
+    assert thick.primal_energy == pytest.approx(0.4 * one.primal_energy, rel=1e-12)
     pulled = thick.equilibrium.reactions["left"][0]
-    assert pulled == pytest.approx(-2.5 * 1.5, rel=1e-10)
+    assert pulled == pytest.approx(-0.4 * 1.5, rel=1e-10)
     assert np.abs(thick.state.u - one.state.u).max() < 1e-13
     with pytest.raises(ValueError, match=r"thickness=2.0 with kinematics='axisym"):
         sheet(**load).changed(kinematics="axisymmetric", thickness=2.0)
-    with pytest.raises(ValueError, match="thickness=0"):
+    with pytest.raises(ValueError, match="thickness=0:"):
         sheet(**load, thickness=0)
 
 

@@ -12,7 +12,7 @@ from ngepc import Material, NewtonOptions, Problem, Status, semismooth_newton
 from ngepc.geometries import block
 from ngepc.results.checkpoint import problem_fingerprint
 from ngepc.results.records import FIELDS, checked, provenance, solve_record
-from ngepc.results.stored import array_of
+from ngepc.results.stored import array_of, value_of
 
 METAL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0
@@ -129,3 +129,55 @@ def test_the_worst_remark_comes_first():
     message = semismooth_newton(problem).message
     assert message.startswith("Strains reach ")
     assert "whole facets, 3 nodes)" in message
+
+
+@pytest.mark.parametrize(
+    ("hint", "value"),
+    [
+        (bool, True),
+        (str, "a"),
+        (int, 0),
+        (float, -1.5),
+        (float, 2),
+        (float | None, None),
+        (float | None, 1.0),
+        (list[float], [1.0, 2]),
+        (list[float], []),
+        (dict[str, int], {"a": 1}),
+        (Status, Status.CONVERGED),
+    ],
+)
+def test_values_are_those_of_their_hints(hint, value):
+    """Members of an Enum are stored by their names."""
+    stored = value.name if hint is Status else value
+    found = value_of("it", hint, stored)
+    assert found == value
+    assert type(found) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("hint", "value"),
+    [
+        (bool, 1),
+        (str, 1),
+        (int, -1),
+        (int, 1.0),
+        (int, True),
+        (float, True),
+        (float, float("nan")),
+        (float, float("inf")),
+        (float, None),
+        (float, "1"),
+        (list[float], ""),
+        (list[float], {}),
+        (list[float], ["a"]),
+        (dict[str, int], []),
+        (dict[str, int], {"a": 0.5}),
+        (Status, 1),
+    ],
+)
+def test_values_of_other_types_are_named(hint, value):
+    with pytest.raises(TypeError, match=r"^it="):
+        value_of("it", hint, value)
+    hole = value_of("it", float, float("nan"), holes=True)
+    assert hole != hole

@@ -1,0 +1,263 @@
+"""Single steps of bounds, goals and receipts beside direct computations."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from campaigns.receipts import members, opened
+from ngsolve import IfPos, x
+
+from ngepc import (
+    Hill,
+    Material,
+    Problem,
+    error_bound,
+    goal_bound,
+    semismooth_newton,
+    write_receipt,
+)
+from ngepc.bounds import check_goal, check_receipt, receipt, receipt_file
+from ngepc.bounds.adjoint import AdjointConditions, AdjointProblem
+from ngepc.bounds.bound import bound_data_of
+from ngepc.bounds.boundary import Boundary
+from ngepc.bounds.data import BALANCED, balanced_stress
+from ngepc.bounds.densities import AT_CORNERS, _means_by_flow
+from ngepc.bounds.goal_bound import GoalProblem
+from ngepc.bounds.oscillation import CarriedLoads
+from ngepc.bounds.simplices import Simplices
+from ngepc.discretisation.factors import Factors
+from ngepc.discretisation.laws import law_of
+from ngepc.discretisation.points import Points
+from ngepc.geometries import block
+
+MATERIAL = Material.kinematic(
+    lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
+)
+
+
+def pressed(N=2, **data):
+    """A few cells under a rigid plane."""
+    mesh = block.mesh(0.5, (1.0, 0.7, 0.8)[:N])
+    data = {"contact": "contact", "gap": -0.002 - 0.002 * x, "order": 1} | data
+    return Problem(mesh, MATERIAL, **data)
+
+
+@pytest.fixture(scope="module")
+def goal():
+    """The interval of a contact force."""
+    return goal_bound(semismooth_newton(pressed()), "contact_force")
+
+
+@pytest.fixture(scope="module")
+def written(goal, tmp_path_factory):
+    """The receipt of it, as it is read."""
+    path = tmp_path_factory.mktemp("receipt") / "receipt.npz"
+    write_receipt(goal, path)
+    arrays, header = opened(path)
+    return check_goal.opened_goal(members(arrays, header), header), header
+
+
+@pytest.mark.parametrize("N", [2, 3])
+def test_the_defect_of_a_receipt_cell_by_cell(N, tmp_path):
+    """b of 5., in which each cell has what its sides pull and what is passed on through them."""
+    load = {"traction": {"right": (1.0, 0.5, 0.2)[:N]}}
+    write_receipt(semismooth_newton(pressed(N, **load)), tmp_path / "receipt.npz")
+    arrays, header = opened(tmp_path / "receipt.npz")
+    r = check_receipt.opened(members(arrays, header), header)
+    rest = check_receipt.balance(r, r.stress, r.body_force, r.traction, r.pressure)
+    r.length = r.length * np.linspace(1.0, 1.5, r.K)  # not all alike
+    found = check_receipt.defect(r, rest, r.carried)
+    reach = sum(max(axis) - min(axis) for axis in r.points.tolist())
+    first, second = check_receipt.CONSTANTS[N]
+    total = 0.0
+    for K in range(r.K):
+        pulled = 0.0
+        for k in range(N + 1):
+            side = r.side[k, K]
+            passed = sum(
+                r.carried[other]
+                for other in range(r.K)
+                if r.way[other] >= 0 and r.side[r.way[other], other] == side
+            )
+            turned = 4 * reach * r.length[K] ** (N - 2) / r.areas[k, K]
+            force = rest.outward[k, K] + passed + passed * turned
+            pulled += np.sqrt(r.areas[k, K] / r.det[K]) * force / r.areas[k, K] ** 0.5
+        inner = first * rest.inside[K] * np.sqrt(r.volume[K])
+        b = r.length[K] ** 2 * r.steep[K] * (second * pulled + inner)
+        mu, h = r.mu[K], r.hardening[K]
+        total += b**2 / min(2 * mu * h / (2 * mu + h), r.n * r.bulk[K])
+    assert found == pytest.approx(2 * np.sqrt(total), rel=1e-12)
+
+
+def test_one_pressure_of_an_adjoint_that_is_too_large_is_refused(written):
+    """It is at most lambda times that of the solution at each point, not somewhere."""
+    r, header = written
+    r.room = check_receipt.room(r, r.u, r.prescribed, r.gap)
+    check_goal.check_adjoint(r, header["factor"])
+    place = np.unravel_index(np.argmax(r.pressure), r.pressure.shape)
+    for sign in (1, -1):
+        larger = r.goal_pressure.copy()
+        larger[place] = sign * 1.001 * header["factor"] * r.pressure[place]
+        other = SimpleNamespace(**vars(r) | {"goal_pressure": larger})
+        with pytest.raises(ValueError, match="goal_pressure: larger"):
+            check_goal.check_adjoint(other, header["factor"])
+
+
+@pytest.mark.parametrize("stretched", [1.0, 1e-3, 1e3])
+def test_a_receipt_keeps_clear_of_rounding(stretched, goal, monkeypatch):
+    """Rounding of z . n is ``NARROW`` times z at most, and lambda times the distance no less."""
+    asked = []
+
+    def clear_state(bound_data, state, clearance):
+        asked.append(clearance)
+        return state.u
+
+    monkeypatch.setattr(receipt, "clear_state", clear_state)
+    other = replace(goal, factor=stretched * goal.factor)
+    bound_data = bound_data_of(goal.bound.state.discrete)
+    header = receipt.claims_of(bound_data, goal.bound, other)[1]
+    moves = max(np.abs(goal.pair.z).max(), 1.0)
+    largest = np.abs(goal.bound.state.u).max()
+    assert header["factor"] * asked[0] == pytest.approx(receipt.NARROW * moves)
+    assert asked[0] <= receipt.CLEAR_OF_GOAL * largest * (1 + 1e-12)
+    assert header["factor"] >= other.factor
+
+
+@pytest.mark.parametrize("rows", [2, 5])
+def test_parts_are_cut_where_the_integral_gains_more_than_its_share(rows, monkeypatch):
+    """Each cell of the first level; a law ends with the volumes, whatever comes before."""
+    random = np.random.default_rng(rows)
+    K, N = 6, 2
+    x = random.normal(size=(3, 2, K)) * np.logspace(-2, 0, K)
+    law = random.uniform(1, 5, (rows, K))
+    share = 0.5
+
+    def density(N, x, law):
+        """The largest square at the vertices, no less than any mean of squares."""
+        return (x**2).sum(axis=1).max(axis=0)
+
+    found = []
+
+    def proved_intervals(r, header, above):
+        found.append(above(r, density, x, law))
+
+    monkeypatch.setattr(check_goal, "opened_goal", lambda *_: SimpleNamespace(N=N))
+    monkeypatch.setattr(check_goal, "proved_intervals", proved_intervals)
+    cut = receipt_file.cuts_of({}, {}, (share, 0.0))
+    whole = law[-1] * density(N, x, law)
+    parts, volumes = check_receipt.parted(N, x, law)
+    halved = (volumes[-1] * density(N, parts, volumes)).reshape(4, K).sum(axis=0)
+    gains = (whole - halved) * K > share
+    assert 0 < gains.sum() < K
+    np.testing.assert_array_equal(cut[:K], gains)
+    exact = law[-1] * check_receipt.inner(x, x, N)
+    assert exact.sum() < found[0].sum() < whole.sum()
+    most = len(cut) * (0.25 ** receipt_file.DEEPEST[N] + 1) * share
+    assert found[0].sum() - exact.sum() < most + 0.3 * whole.sum()
+
+
+def test_lambda_for_a_zero_adjoint():
+    """The least one with |c| <= lambda gap where c is not zero, also far below one."""
+    slack = np.array([[0.2, 0.4], [0.5, 0.1], [0.0, 0.3]])
+    nodes = SimpleNamespace(cells=SimpleNamespace(N=2))
+    conditions = AdjointConditions(nodes, slack)
+    for size in (1e-3, 1.0, 1e3):
+        terms = SimpleNamespace(factor=size * np.array([-1.0, 0.2, 0.0]))
+        assert conditions.enough(terms) == pytest.approx(5.0 * size)
+    everywhere = SimpleNamespace(factor=np.ones(3))
+    assert conditions.enough(everywhere) == np.inf
+    assert conditions.enough(SimpleNamespace(factor=np.zeros(3))) == 0.0
+
+
+@pytest.mark.parametrize("bound", [0.02, 50.0])
+def test_what_friction_leaves_for_adjoints(bound):
+    """F - |t|: nothing where rows slip, and no more than F where they stick."""
+    load = {"traction": {"right": (0.4, 0.0)}, "friction": bound}
+    result = semismooth_newton(pressed(**load))
+    found = error_bound(result)
+    bound_data = bound_data_of(result.discrete)
+    spare = AdjointProblem(bound_data, found.state, found.pressure)._spare
+    if bound < 1:
+        assert found.state.sliding.all()
+        assert spare.max() < 1e-9 * bound
+    else:
+        used = np.linalg.norm(bound_data.tangential(found.state), axis=2)
+        np.testing.assert_allclose(spare + used, bound)
+        assert used.max() > 0
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_width_is_estimated(order):
+    """Of an adjoint, over all cells: with twice lambda times what is open."""
+    problem = pressed(order=order)
+    result = semismooth_newton(problem)
+    found = goal_bound(result, "contact_force")
+    goals = GoalProblem(result)
+    integrand = goals._of_bound.integrand(found.pair)
+    factor = found.factor
+    estimated = integrand.estimate(factor)
+    inside = sum(side.sum() for side in integrand.bounds(factor))
+    assert estimated == pytest.approx(inside + 2 * factor * integrand.opened, rel=0.2)
+    more = replace(integrand, opened=integrand.opened + 3.0)
+    assert more.estimate(factor) - estimated == pytest.approx(6.0 * factor)
+
+
+@pytest.mark.parametrize("N", [2, 3])
+def test_means_by_flow_are_exact_for_quadratics(N):
+    """Where Hill's ellipsoid is not reached phi is one, which the points integrate exactly."""
+    sheet = Hill.r_values(1.8, 1.1, 2.3)
+    metal = replace(MATERIAL, hill=sheet)
+    mesh = block.mesh(0.5, (1.0, 0.7, 0.8)[:N])
+    problem = Problem(mesh, metal)
+    points = Points(mesh, problem.kinematics, 2)
+    law = law_of(problem, points)
+    k = N + 1
+    assert len(law.beta) == k * mesh.ne
+    random = np.random.default_rng(N)
+    volume = 1e-4 * random.normal(size=len(law.beta))
+    at = law.returned(volume, 1e-4 * random.normal(size=law.back.shape))
+    assert not at.yields.any()
+
+    def at_corners(values):
+        return np.matmul(AT_CORNERS[k], values.reshape(-1, k, values.shape[1]))
+
+    cells = np.arange(mesh.ne)
+    found = _means_by_flow(law, at, at_corners, cells).reshape(mesh.ne, -1)
+    exact = law.energy_density(at).reshape(-1, k).mean(axis=1)
+    np.testing.assert_allclose(found.mean(axis=1), exact, rtol=1e-10)
+
+
+@pytest.mark.parametrize("size", [1e-16, 1.0])
+def test_stresses_are_balanced_in_all_units(size):
+    """From the state of an unfinished iteration."""
+    metal = Material.kinematic(
+        lame_lambda=1.5e3 * size, lame_mu=1e3 * size, yield_stress=5.0 * size,
+        hardening=1e2 * size,
+    )  # fmt: skip
+    mesh = block.mesh(0.5, (1.0, 0.7))
+    problem = Problem(mesh, metal, traction={"right": (6.0 * size, 0.0)}, order=1)
+    problem = replace(problem, kinematics="two-dimensional")
+    result = semismooth_newton(problem)
+    discrete = result.discrete
+    state = discrete.state(1.01 * result.state.u)
+    tangent = Factors(discrete, "sparsecholesky")
+    stress = balanced_stress(state, tangent, discrete.load)[0]
+    forces = discrete.points.forces(stress[:, 0], stress[:, 1:])
+    missing = np.where(discrete.free, discrete.load - forces, 0.0)
+    assert np.abs(missing).max() <= 2 * BALANCED * np.abs(discrete.load).max()
+
+
+def test_loads_of_strips_are_carried():
+    """Resultant and moment of a body force on a strip inside cells."""
+    strip = IfPos(x - 0.31, IfPos(0.37 - x, 1.0, 0.0), 0.0)
+    force = 3.0 * strip, -5.0 * strip
+    mesh = block.mesh(0.5, (1.0, 0.7))
+    problem = Problem(mesh, MATERIAL, body_force=force, order=1)
+    cells = Simplices.of(mesh)
+    nodal = CarriedLoads(Boundary(problem, cells)).nodal
+    area = 0.06 * 0.7
+    np.testing.assert_allclose(nodal.sum(axis=(0, 1)), [3 * area, -5 * area], rtol=2e-3)
+    X = cells.points[cells.nodes]
+    turning = (X[..., 0] * nodal[..., 1] - X[..., 1] * nodal[..., 0]).sum()
+    assert turning == pytest.approx(area * (-5 * 0.34 - 3 * 0.35), rel=2e-3)
