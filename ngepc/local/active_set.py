@@ -105,7 +105,9 @@ class InexactTarget:
         """Contact and friction by active sets: the best found, and whether it is the solution.
 
         Each set minimises Newton's model with these closed rows, with friction linearised at the
-        last forces; linear systems are solved up to residual forces of size ``scale``.
+        last forces; linear systems are solved up to residual forces of size ``scale``.  Without
+        friction the sets end, too, where the last displacement solves the system of a set that
+        only opens rows: rows whose forces are smaller than that accuracy would open and close.
         """
         contact = self._contact
         processes = self._contact.processes
@@ -130,6 +132,7 @@ class InexactTarget:
             loads = out_of_balance - closed.slipping(here.gaps)
             right = closed.unbalanced(loads - multiply(fixed))
             start = closed.project(at.change - fixed)
+            before = tangent.linear_iterations
             scale = scale or accuracy * processes.norm(right)
             change = fixed + tangent.minimise(closed, right, start, scale)
             gaps = here.gaps - contact.matrix @ change
@@ -144,6 +147,9 @@ class InexactTarget:
             settled = whole and contact.defect(at.forces, c * at.gaps) <= scale
             if settled and not processes.any(closes != active):
                 return at, True
+            moved = contact.friction.d or tangent.linear_iterations > before
+            if not moved and not processes.any(closes & ~active):
+                return at, False
             active = closes
         return at, False
 

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from scipy.sparse import diags, vstack
 
+from ngepc import NewtonOptions, PyAMG, semismooth_newton
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.stiffness import Stiffness
+from ngepc.geometries.block import structured_mesh
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.closed import Closed, TangentialRows
@@ -22,7 +24,7 @@ from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly, starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.results.iteration import newton_iteration
-from ngepc.studies.large import indented_block
+from ngepc.studies.large import indented_block, pressed
 
 
 class Diagonal:
@@ -189,6 +191,16 @@ def test_active_sets_find_the_solution_of_the_direct_method(discrete):
     assert found.contact_force == pytest.approx(exact.contact_force, rel=1e-7)
     assert found.iterations <= exact.iterations + 2
     assert found.state.penetration <= found.state.touching_distance
+
+
+def test_sets_end_that_alternate_within_the_accuracy():
+    """The sphere on 5 cells: two rows open and close, with forces below the accuracy."""
+    pytest.importorskip("pyamg")
+    mesh = structured_mesh(5, 5, 5, simplices=True)
+    options = NewtonOptions(inverse=PyAMG())
+    result = semismooth_newton(pressed(mesh, 100.0, order=2), options=options)
+    assert result.status.label == "converged"
+    assert max(result.history.column("back_substitutions")) <= 5
 
 
 def test_linear_systems_are_solved_as_exactly_as_the_step_deserves(discrete):
