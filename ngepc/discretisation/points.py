@@ -108,31 +108,26 @@ class Elements:
         tensors = tensors.reshape(*stress.shape[:2], *self.basis.shape[1:])
         return np.matmul(self.slopes, tensors.swapaxes(2, 3)).sum(axis=1)
 
-    def stiffness(self, moduli: Moduli) -> np.ndarray:
-        """B' C B for each pair of components and nodes, shape (N, N, elements, k, k).
+    def stiffness(self, moduli: Moduli) -> tuple[np.ndarray, np.ndarray]:
+        """B' C B by two matrices of each element, L and G, shapes (elements, N k, N k).
 
-        With symmetric tensors dev a : dev b = a : b - tr a tr b / size.  The products of the
+        Rows and columns stand component by component.  Nodes i, j and components a, b have
+
+            L[a i, b j] + G[b i, a j], and where a = b the sum of G[c i, c j] over c.
+
+        With symmetric tensors dev a : dev b = a : b - tr a tr b / size.  The products G of the
         slopes of two nodes give sym(u grad) : sym(v grad) at once, so that only the trace and the
         direction of the moduli need rows.
         """
-        count, points, k, _ = self.slopes.shape
+        count, points = self.points.shape
         N = self.basis.shape[1]
-        components = (count, N, k, N, k)
-        derivatives = self.slopes[..., :N].swapaxes(2, 3).reshape(count, points, -1)
+        slopes = self.slopes[..., :N].swapaxes(2, 3).reshape(count, points, -1)
         shear = 0.5 * self.weights * moduli.across[self.points]
-        products = _weighted_squares(derivatives, shear).reshape(components)
         rows, factors = self._single_rows(moduli)
-        found = _weighted_squares(rows, factors)
+        single = _weighted_squares(rows, factors)
         if moduli.coupling is not None:
-            found += self._coupled(moduli.coupling)
-        found = found.reshape(components)
-        along = np.einsum("ecicj->eij", products)
-        blocks = np.empty((N, N, count, k, k))
-        for a, b in np.ndindex(N, N):
-            np.add(found[:, a, :, b], products[:, b, :, a], out=blocks[a, b])
-        for a in range(N):
-            blocks[a, a] += along
-        return blocks
+            single += self._coupled(moduli.coupling)
+        return single, _weighted_squares(slopes, shear)
 
     def _single_rows(self, moduli: Moduli) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose squares with these factors are what remains of B' C B beside a : b.
@@ -146,7 +141,10 @@ class Elements:
         s, N, kinds = self.basis.shape
         tensors = moduli.direction[self.points] @ self.basis[1:].reshape(s - 1, -1)
         along = np.matmul(tensors.reshape(count, points, N, kinds), slopes)
-        trace = np.matmul(self.basis[0], slopes)
+        trace = slopes[:, :, :N]
+        if kinds > N:
+            trace = trace.copy()
+            trace[:, :, 0] += slopes[:, :, -1]  # the strain along the circumference
         rows = [trace, along]
         factors = [-across / self.size, moduli.extra[self.points]]
         if self.averaged:

@@ -128,12 +128,34 @@ class Gather(NamedTuple):
     """Which blocks some elements touch, and how they are summed from pairs of nodes.
 
     ``fresh`` are positions that no earlier element has touched, which are written without being
-    read, ``seen`` the others; rows of the ``matrix`` are the blocks in this order.
+    read, ``seen`` the others; rows of the ``matrix`` are the blocks in this order.  Its columns are
+    the numbers of matrices (elements, N k, N k) from the one on that belongs to two components.
     """
 
     fresh: np.ndarray
     seen: np.ndarray
     matrix: csr_matrix
+
+    def summed(self, single: np.ndarray, products: np.ndarray, N: int) -> np.ndarray:
+        """The sums over the elements of ``Elements.stiffness``, shape (blocks, N, N)."""
+        k = single.shape[1] // N
+        width = self.matrix.shape[1]
+
+        def component(K: np.ndarray, a: int, b: int) -> np.ndarray:
+            """The sums of the numbers that belong to components a of rows and b of columns."""
+            first = k * (a * N * k + b)
+            return self.matrix @ K.reshape(-1)[first : first + width]
+
+        blocks = np.empty((self.matrix.shape[0], N, N))
+        along = 0.0
+        for a, b in np.ndindex(N, N):
+            product = component(products, b, a)
+            if a == b:
+                along += product
+            blocks[:, a, b] = component(single, a, b) + product
+        for a in range(N):
+            blocks[:, a, a] += along
+        return blocks
 
 
 class ElementStiffness(Stiffness):
@@ -160,8 +182,9 @@ class ElementStiffness(Stiffness):
         a, b = np.tril_indices(k)
         i = part.nodes[:, a]
         j = part.nodes[:, b]
-        pair = np.where(i >= j, k * a + b, k * b + a)
-        pair = pair + k * k * np.arange(count)[:, None]
+        width = self.N * k
+        pair = np.where(i >= j, width * a + b, width * b + a)
+        pair = pair + width**2 * np.arange(count)[:, None]
         places = self.places(np.maximum(i, j), np.minimum(i, j)).ravel()
         order = np.lexsort((places, seen[places]))
         places = places[order]
@@ -171,7 +194,7 @@ class ElementStiffness(Stiffness):
         seen[touched] = True
         starts = np.append(first, len(order)).astype(np.int32)
         columns = pair.ravel()[order].astype(np.int32)
-        shape = (len(touched), count * k * k)
+        shape = (len(touched), int(pair.max()) + 1)
         matrix = csr_matrix((self._ones[: len(order)], columns, starts), shape=shape)
         positions = touched.astype(np.int32)
         return Gather(positions[:fresh], positions[fresh:], matrix)
@@ -180,20 +203,19 @@ class ElementStiffness(Stiffness):
         """See ``Stiffness``."""
         if out is None:
             out = np.empty((len(self.rows), self.N, self.N))
-        values = out.reshape(len(self.rows), self.N**2)
 
-        def blocks_of(given: tuple[Elements, Gather]) -> tuple[Gather, np.ndarray]:
-            """The blocks of some elements."""
+        def enter(given: tuple[Elements, Gather]) -> tuple[np.ndarray, np.ndarray]:
+            """Write what is fresh of the blocks of some elements; the others and where they are."""
             part, gather = given
-            K = part.stiffness(data).reshape(self.N**2, -1)
-            return gather, np.column_stack([gather.matrix @ one for one in K])
+            blocks = gather.summed(*part.stiffness(data), self.N)
+            count = len(gather.fresh)
+            out[gather.fresh] = blocks[:count]
+            return gather.seen, blocks[count:]
 
         for block, gathers in zip(self._points.blocks, self._gathers, strict=True):
             parts = list(zip(block.parts, gathers, strict=True))
-            for gather, blocks in in_order(blocks_of, parts):
-                count = len(gather.fresh)
-                values[gather.fresh] = blocks[:count]
-                values[gather.seen] += blocks[count:]
+            for seen, blocks in in_order(enter, parts):
+                out[seen] += blocks
         return out
 
 
