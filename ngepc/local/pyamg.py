@@ -12,6 +12,7 @@ from scipy.sparse import bsr_matrix, csr_matrix, eye
 from ngepc.discretisation.body import DiscreteBody
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.aggregation import COARSEST
+from ngepc.linalg.cores import in_order
 from ngepc.linalg.cycle import Level, coarsest_solver, level_and_coarser, v_cycle
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import Iterative, Preconditioner, low_energy_modes
@@ -30,6 +31,10 @@ LOOSE = 0.03
 With a tenth of it, as in ``PETSc``, whose steps have to be the same on any number of processes,
 there are a fifth more iterations and no fewer Newton steps.
 """
+
+
+Pair = tuple[csr_matrix | bsr_matrix, csr_matrix | bsr_matrix]
+"""The interpolation from a level to the next finer one, and its transpose."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +87,7 @@ class VCycles:
         self._linear = storage.leading(vertices)
         self._modes = low_energy_modes(body)[: self._N * vertices]
         self._size = body.free.size
-        self._pairs: list[tuple[csr_matrix | bsr_matrix, csr_matrix | bsr_matrix]] = []
+        self._pairs: list[Pair] = []
 
     def coarsen(self, matrix: LowerStorage) -> None:
         """See ``Preconditioner``."""
@@ -97,23 +102,38 @@ class VCycles:
         return self._size > len(self._modes)
 
     def update(self, pinned: LowerStorage) -> Linear:
-        """See ``Preconditioner``."""
-        coarser = partial(Level, sweep=pyamg.amg_core.gauss_seidel)
+        """See ``Preconditioner``; the level of all nodes is made beside those of the vertices."""
+        if not self._has_more_nodes:
+            levels, coarsest = self._below(pinned, self._pairs)
+            return partial(v_cycle, levels, coarsest)
+        pair, *coarser = self._pairs
+        work = [
+            partial(pinned.level, *pair, ALONE),
+            partial(self._below, None, coarser),
+        ]
+        level, (levels, coarsest) = in_order(lambda task: task(), work)
+        return partial(v_cycle, [level, *levels], coarsest)
 
-        def finest(_: csr_matrix, *pair: csr_matrix) -> FinestLevel:
+    def _below(
+        self, finest: LowerStorage | None, pairs: list[Pair]
+    ) -> tuple[list[Level | FinestLevel], Linear]:
+        """The levels from that of the vertices on, and the solver of the coarsest one.
+
+        ``finest`` is the tangent if that is the first of these levels.
+        """
+
+        def first(_: csr_matrix, *pair: csr_matrix) -> FinestLevel:
             """The level of the pinned matrix."""
-            return pinned.level(*pair, ALONE)
+            return finest.level(*pair, ALONE)
 
+        sweeping = partial(Level, sweep=pyamg.amg_core.gauss_seidel)
         matrix = self._linear.matrix()
-        pairs = list(self._pairs)
         levels = []
-        if self._has_more_nodes:
-            levels.append(pinned.level(*pairs.pop(0), ALONE))
         for pair in pairs:
-            make = coarser if levels else finest
+            make = sweeping if levels or finest is None else first
             level, matrix = level_and_coarser(make, matrix, *pair)
             levels.append(level)
-        return partial(v_cycle, levels, coarsest_solver(matrix))
+        return levels, coarsest_solver(matrix)
 
 
 def transposed(space: csr_matrix | bsr_matrix) -> csr_matrix | bsr_matrix:
