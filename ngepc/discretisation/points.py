@@ -91,9 +91,9 @@ class Elements:
     def strain(self, u: np.ndarray) -> np.ndarray:
         """Strains, shape (elements, p, s): the rows times u, without making them."""
         slopes = np.matmul(u[self.nodes].swapaxes(1, 2)[:, None], self.slopes)
-        found = (
-            slopes.reshape(*slopes.shape[:2], -1)
-            @ self.basis.reshape(len(self.basis), -1).T
+        basis = self.basis.reshape(len(self.basis), -1)
+        found = (slopes.reshape(-1, basis.shape[1]) @ basis.T).reshape(
+            *slopes.shape[:2], -1
         )
         if self.averaged:
             found[:, :, 0] = (self._shares * found[:, :, 0]).sum(axis=1)[:, None]
@@ -104,9 +104,13 @@ class Elements:
         stress = self.weights[:, :, None] * stress[self.points]
         if self.averaged:
             stress[:, :, 0] = self._shares * stress[:, :, 0].sum(axis=1)[:, None]
-        tensors = stress @ self.basis.reshape(len(self.basis), -1)
-        tensors = tensors.reshape(*stress.shape[:2], *self.basis.shape[1:])
-        return np.matmul(self.slopes, tensors.swapaxes(2, 3)).sum(axis=1)
+        s, N, kinds = self.basis.shape
+        turned = self.basis.swapaxes(1, 2).reshape(s, -1)
+        tensors = stress.reshape(-1, s) @ turned
+        at_points = np.matmul(
+            self.slopes, tensors.reshape(*stress.shape[:2], kinds, N)
+        ).swapaxes(0, 1)
+        return sum(at_points[1:], at_points[0])
 
     def stiffness(self, moduli: Moduli) -> tuple[np.ndarray, np.ndarray]:
         """B' C B by two matrices of each element, L and G, shapes (elements, N k, N k).
@@ -139,7 +143,8 @@ class Elements:
         across = moduli.across[self.points]
         slopes = self.slopes.swapaxes(2, 3)
         s, N, kinds = self.basis.shape
-        tensors = moduli.direction[self.points] @ self.basis[1:].reshape(s - 1, -1)
+        directions = moduli.direction[self.points].reshape(-1, s - 1)
+        tensors = directions @ self.basis[1:].reshape(s - 1, -1)
         along = np.matmul(tensors.reshape(count, points, N, kinds), slopes)
         trace = slopes[:, :, :N]
         if kinds > N:
