@@ -14,7 +14,12 @@ from functools import reduce
 import numpy as np
 from ngsolve import Mesh
 
-from ngepc.model.elements import determinants, element_nodes, vertex_coordinates
+from ngepc.model.elements import (
+    determinants,
+    element_nodes,
+    inverses,
+    vertex_coordinates,
+)
 
 # local vertices of facet k in N dimensions
 FACETS = {2: ((1, 2), (2, 0), (0, 1)), 3: ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))}
@@ -126,18 +131,6 @@ def sorted_rows(numbers: np.ndarray) -> np.ndarray:
         return np.sort(numbers, axis=1)
     first, second = numbers.T
     return np.column_stack([np.minimum(first, second), np.maximum(first, second)])
-
-
-def inverses(matrices: np.ndarray, det: np.ndarray) -> np.ndarray:
-    """The inverses (n, N, N) of matrices with these determinants."""
-    if matrices.shape[1] != 2:
-        return np.linalg.inv(matrices)
-    result = np.empty_like(matrices)
-    result[:, 0, 0] = matrices[:, 1, 1]
-    result[:, 1, 1] = matrices[:, 0, 0]
-    result[:, 0, 1] = -matrices[:, 0, 1]
-    result[:, 1, 0] = -matrices[:, 1, 0]
-    return result / det[:, None, None]
 
 
 def marked(indicators: np.ndarray, share: float) -> np.ndarray:

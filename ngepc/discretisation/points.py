@@ -35,7 +35,13 @@ from ngsolve import (
 )
 
 from ngepc.linalg.cores import in_order
-from ngepc.model.elements import elements_by_shape, plastic_order, plastic_points
+from ngepc.model.elements import (
+    determinants,
+    elements_by_shape,
+    inverses,
+    plastic_order,
+    plastic_points,
+)
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team, nodal_processes_of
@@ -259,8 +265,9 @@ class Points:
         self._mapped = mesh.MapToAllElements(self.rules, mesh.Materials(".*"))
         jacobians = specialcf.JacobianMatrix(mesh.dim)(self._mapped)
         jacobians = jacobians.reshape(-1, mesh.dim, mesh.dim)
-        self.weights = np.abs(np.linalg.det(jacobians)) * self.at(kinematics.weight)
-        self.blocks = list(self._blocks(np.linalg.inv(jacobians), mean_volume))
+        det = determinants(jacobians)
+        self.weights = np.abs(det) * self.at(kinematics.weight)
+        self.blocks = list(self._blocks(inverses(jacobians, det), mean_volume))
 
     def __getstate__(self) -> dict:
         """Everything except the mapped points, which refer to their mesh in memory."""
@@ -293,7 +300,7 @@ class Points:
         values = self.at(tensor).reshape(-1, size, size)
         return np.einsum("dij,pij->pd", self.kinematics.basis, values)
 
-    def _blocks(self, inverses: np.ndarray, averaged: bool) -> Iterator[Elements]:
+    def _blocks(self, to_reference: np.ndarray, averaged: bool) -> Iterator[Elements]:
         """The elements of each shape, from the inverse Jacobians at the points."""
         mesh = self.mesh
         N = self.kinematics.N
@@ -320,8 +327,7 @@ class Points:
                 nodes = np.array([self.scalar.GetDofNrs(one) for one in ids])
             shapes = np.array([np.array(fe.CalcShape(*point)) for point in rule.points])
             slopes = np.array([np.array(fe.CalcDShape(*p)) for p in rule.points])
-            given = (slopes, inverses[points])
-            slopes = np.einsum("pkj,epji->epki", *given, optimize=True)
+            slopes = np.matmul(slopes, to_reference[points])
             if self.kinematics.hoop:
                 hoop = shapes / radii[points][:, :, None]
                 slopes = np.concatenate([slopes, hoop[..., None]], axis=3)

@@ -99,6 +99,18 @@ def determinants(matrices: np.ndarray) -> np.ndarray:
     return a * d - b * c
 
 
+def inverses(matrices: np.ndarray, det: np.ndarray) -> np.ndarray:
+    """The inverses (n, N, N) of matrices with these determinants."""
+    if matrices.shape[1] != 2:
+        return np.linalg.inv(matrices)
+    result = np.empty_like(matrices)
+    result[:, 0, 0] = matrices[:, 1, 1]
+    result[:, 1, 1] = matrices[:, 0, 0]
+    result[:, 0, 1] = -matrices[:, 0, 1]
+    result[:, 1, 0] = -matrices[:, 1, 0]
+    return result / det[:, None, None]
+
+
 def edge_ends(mesh: Mesh) -> np.ndarray:
     """The vertices at the ends of the edges, in NGSolve's order of edges, shape (edges, 2)."""
     gradient, _ = HCurl(mesh, order=0).CreateGradient()
