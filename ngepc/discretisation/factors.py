@@ -93,14 +93,13 @@ class Factors:
 
     def _factorise(self) -> None:
         try:
-            with self._threads():
-                if not self._in_blocks:
-                    whole = self._stiffness.whole(self._matrix)
-                    self._inverse = whole.Inverse(inverse=self._name)
-                elif self._inverse is None:
-                    self._inverse = self._matrix.Inverse(inverse=self._name)
-                else:
-                    self._inverse.Update()
+            if not self._in_blocks:
+                whole = self._stiffness.whole(self._matrix)
+                self._inverse = whole.Inverse(inverse=self._name)
+            elif self._inverse is None:
+                self._inverse = self._matrix.Inverse(inverse=self._name)
+            else:
+                self._inverse.Update()
         except SOLVER_ERRORS as error:
             raise FactorisationError(
                 f"{self._name} could not factorise the tangent: {error}"
