@@ -115,10 +115,7 @@ class InexactTarget:
         if contact.friction.d:
             scale = accuracy * here.residual_norm * here.force_scale
         at = ContactResponse(np.zeros(here.u.size), here.contact, here.gaps)
-        active = here.multipliers > 0
-        if not processes.any(active):
-            active = here.open_gap < 0
-        active = active | contact.rows.tied
+        active = self._first_set(here)
         out_of_balance = (here.body.load - here.internal_forces).ravel()
         for number in range(SETS):
             c = SOFT[number // PATIENCE % len(SOFT)] * here.discrete.row_stiffness
@@ -152,6 +149,13 @@ class InexactTarget:
                 return at, False
             active = closes
         return at, False
+
+    def _first_set(self, here: State) -> np.ndarray:
+        """The rows that press, or that penetrate if none presses, and tied rows."""
+        active = here.multipliers > 0
+        if not self._contact.processes.any(active):
+            active = here.open_gap < 0
+        return active | self._contact.rows.tied
 
     def _closed(self, active: np.ndarray, y: np.ndarray, c: np.ndarray) -> Closed:
         """Closed rows, and their tangential behaviour for the trial forces y = x - c g."""
