@@ -50,6 +50,7 @@ SLOW = (
     "bounds/test_random.py",
     "bounds/test_rates.py",
     "bounds/test_receipt.py",
+    "bounds/test_revolution.py",
     "bounds/test_sizes.py",
     "bounds/test_solid.py",
     "bounds/test_sub_elements.py",

@@ -35,6 +35,7 @@ from ngepc.bounds.data import (
 )
 from ngepc.bounds.held import holding_pressure
 from ngepc.bounds.plane import PlaneBoundData
+from ngepc.bounds.revolution import RevolutionData, discrete_gap
 from ngepc.bounds.sizes import check_sizes
 from ngepc.bounds.solid import SolidBoundData
 from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
@@ -80,7 +81,9 @@ class ErrorBound:
     admissible
         The stress on the mesh of ``state``, at the vertices of the parts of each cell: (triangles,
         9, 3) in-plane coordinates ((xx + yy)/2, (xx - yy)/2^(1/2), 2^(1/2) xy), or (tetrahedra,
-        16, 6) with the mean stress and the five coordinates of the deviator.
+        16, 6) with the mean stress and the five coordinates of the deviator.  For bodies of
+        revolution r times the mean stress and three coordinates, at nodes of the triangles of
+        ``RevolutionData.cut``.
     pressure
         The contact pressure P >= 0 of the admissible stress, at the vertices of the contact facets.
     moved
@@ -236,7 +239,7 @@ def error_bound(result: object) -> ErrorBound:
             data_on(DiscreteProblem(problem))  # refuses boundary data
         result = with_state(result)
     check_sizes(result.state)
-    bound = bound_on_copy(result)
+    bound = None if problem.kinematics.hoop else bound_on_copy(result)
     return bound or bound_of(data_on(result.discrete), result.state)
 
 
@@ -421,8 +424,10 @@ def bound_data_of(discrete: DiscreteProblem) -> BoundData:
     return data_on(discrete)
 
 
-def data_on(discrete: DiscreteProblem) -> BoundData:
+def data_on(discrete: DiscreteProblem) -> BoundData | RevolutionData:
     """The same for a problem that is known to be covered: the check takes a while."""
+    if discrete.problem.kinematics.hoop:
+        return RevolutionData(discrete)
     return (PlaneBoundData if discrete.problem.N == 2 else SolidBoundData)(discrete)
 
 
@@ -437,8 +442,29 @@ def bound_and_search(
     """The same, and the solver that found the stress, see ``BestStress``."""
     check_sizes(given)
     state, moved = feasible_state(bound_data, given)
+    if isinstance(bound_data, RevolutionData):
+        return bound_of_ring(bound_data, state, tangent, moved), None
     algebraic = algebraic_part(state, tangent)
     return best_bound(bound_data, (state, moved, algebraic), tangent, None)
+
+
+def bound_of_ring(
+    bound_data: RevolutionData, state: State, tangent: Factors, moved: float
+) -> ErrorBound:
+    """The bound for an admissible state of a body of revolution."""
+    algebraic = discrete_gap(state, tangent)
+    found = bound_data.bound(state)
+    total = float(found.per_cell.sum())
+    return ErrorBound(
+        state,
+        found.energy,
+        total,
+        algebraic,
+        found.per_cell,
+        found.admissible,
+        found.pressure,
+        moved,
+    )
 
 
 def best_bound(

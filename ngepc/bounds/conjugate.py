@@ -444,7 +444,7 @@ def least_potential(
     """A lower bound of int G(|s|) over triangles, where G is F with this modulus in place of h.
 
     G is convex: its mean is at least its value at the mean of s.  Where |s| > beta everywhere, G is
-    at least that of linear hardening with the largest slope of beta beyond g_0.
+    at least that of the linear hardening of ``linear_below``.
 
     ``s`` (n, k, d) are vertex values of affine functions; ``area``, the sizes, has shape (n,).
     """
@@ -452,17 +452,33 @@ def least_potential(
     size = np.linalg.norm(middle, axis=1)
     spread = np.linalg.norm(s - middle[:, None], axis=2).max(axis=1)
     least = np.maximum(size - spread, 0.0)
+    most = np.linalg.norm(s, axis=2).max(axis=1)
     g = resistance.gained_at(size, modulus)
     at_mean = area * flow_potential(resistance, modulus, size, g)
+    usable, beta, stiff, given = linear_below(resistance, modulus, g, least, most)
+    linear = area * given + exceeding(s, beta, area) / (2 * stiff)
+    return np.where(usable, np.maximum(linear, at_mean), at_mean)
 
+
+def linear_below(
+    resistance: Resistance,
+    modulus: np.ndarray,
+    g: np.ndarray,
+    least: np.ndarray,
+    most: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Linear hardening whose G is nowhere above that of a law for |s| between two values.
+
+    It has the bound of the law at ``g``, and the largest slope of beta between the two values.
+    Returns where there is one, with |s| > beta everywhere, its beta, its modulus, and the constant
+    that is added to its G.
+    """
     fewest = resistance.gained_at(least, modulus)
-    most = resistance.gained_at(np.linalg.norm(s, axis=2).max(axis=1), modulus)
-    slope = resistance.slopes(fewest, most)[1]
+    slope = resistance.slopes(fewest, resistance.gained_at(most, modulus))[1]
     usable = np.isfinite(slope) & (fewest > 0)
     slope = np.where(usable, slope, 0.0)
     beta = resistance.bound(g) - slope * g
     usable &= (beta >= 0) & (beta <= least)
     beta = np.where(usable, beta, resistance.beta)
     given = resistance.bound(g) * g - slope * g**2 / 2 - resistance.energy(g)
-    linear = area * given + exceeding(s, beta, area) / (2 * (modulus + slope))
-    return np.where(usable, np.maximum(linear, at_mean), at_mean)
+    return usable, beta, modulus + slope, given

@@ -30,10 +30,18 @@ COVERS = (
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
     | {"anisotropic yield", "cyclic hardening", "quadrilaterals", "springs"}
     | {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
+    | {"axisymmetric"}
 )
 """Features that guaranteed bounds cover.
 
 Two bodies and parts that contact alone holds in the plane and without friction."""
+
+OF_REVOLUTION = (
+    BASIC_FEATURES
+    | HISTORY_FEATURES
+    | {"axisymmetric", "hardening law", "initial strain", "order 2", "rate"}
+)
+"""Features that bounds of bodies of revolution cover."""
 
 HELD = frozenset({"two bodies", "held by contact"})
 """Features that bounds cover in the plane without friction."""
@@ -186,6 +194,7 @@ def check_covered(problem: Problem) -> None:
     radial = material.hill is None and material.overlay is None
     for name, value in coefficients.items():
         affine = simplices and problem.order == 2 and name in AFFINE and radial
+        affine = affine and not problem.kinematics.hoop
         if isinstance(value, CoefficientFunction) and varies_inside(
             problem, value, affine
         ):
@@ -203,6 +212,8 @@ def check_features(problem: Problem) -> None:
     if has_straight_simplices(problem.mesh):
         advice = ""
     require_covered(problem, "a bound", COVERS, advice)
+    if problem.kinematics.hoop:
+        require_covered(problem, "a bound of a body of revolution", OF_REVOLUTION)
     if problem.N == 3:
         require_covered(problem, "a bound in three dimensions", COVERS - HELD)
     if problem.friction is not None:

@@ -39,7 +39,7 @@ from ngepc.model.data import Vector
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 
-COVERS = BOUNDED
+COVERS = BOUNDED - {"axisymmetric"}
 """Features that brackets cover."""
 
 PASSES = 3  # largest number of lengths that are tried on each side

@@ -43,6 +43,7 @@ from ngepc.results.files import check_writable
 COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
 COVERS -= {"anisotropic yield", "cyclic hardening", "springs"}
 COVERS -= {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
+COVERS -= {"axisymmetric"}
 """Features that receipts cover."""
 
 FINE = {(2, 1): 0.03, (2, 2): 0.06, (3, 1): 0.1}

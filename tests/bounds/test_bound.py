@@ -244,7 +244,7 @@ def square(material=MATERIAL, **data):
 @pytest.mark.parametrize(
     ("word", "make"),
     [
-        ("axisymmetric", lambda: square(kinematics="axisymmetric")),
+        ("springs", lambda: square(kinematics="axisymmetric", springs={"left": 1.0})),
         ("prescribed", lambda: square(prescribed={"contact": (None, 1e-3 * x**2)})),
         ("friction", lambda: square(contact="contact", gap=0.1, friction=Coulomb(0.3))),
         ("friction", lambda: square(contact="contact", gap=0.1, friction=x**2)),

@@ -25,6 +25,8 @@ CHOSEN = [
     (1, "hexahedra, order 2", 1),
     (2, "two bodies", 3),
     (3, "two bodies, order 2", 2),
+    (2, "revolution", 2),
+    (3, "revolution, order 2", 1),
 ]
 """Seeds, kinds, and how many problems; the campaign of crossings has 200 of each kind."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from bodies import in_quadrilaterals, tapered
 from campaigns.random_problems import BODIES, Draw, build, draws
 from campaigns.two_bodies import held_block, two_blocks
-from ngsolve import CF, cos, sin, x, y
+from ngsolve import CF, Mesh, cos, sin, x, y
 
 from ngepc import Material, Overlay, semismooth_newton
 from ngepc.bounds.bound import ErrorBound, error_bound
@@ -47,10 +47,12 @@ WIDER = (
     "friction, order 2, solid",
     "sub-elements",
     "sub-elements, order 2",
+    "revolution",
+    "revolution, order 2",
 )
 """More kinds, with elastic foundations, in plane stress, with each triangle cut into three
-quadrilaterals, of a few hexahedra, of two bodies, held by contact alone, or with sub-elements:
-``--rows "springs,plane stress"``."""
+quadrilaterals, of a few hexahedra, of two bodies, held by contact alone, with sub-elements, or
+bodies of revolution: ``--rows "springs,plane stress"``."""
 
 BISECTIONS = dict.fromkeys(
     [
@@ -120,10 +122,14 @@ def problem_of(draw, kind):
     plane = "two-dimensional"
     if kind.startswith("plane stress"):
         plane = "plane stress"
+    if kind.startswith("revolution"):
+        plane = "plane strain"
     if kind.startswith("sub-elements"):
         plane = "plane strain"
         draw = replace(draw, history=0.0)
     problem = build(draw, plane)
+    if kind.startswith("revolution"):
+        problem = revolved(problem, draw)
     stress, size = (
         problem.material.yield_stress,
         BODIES[draw.body].length * 10**draw.length_unit,
@@ -150,6 +156,26 @@ def problem_of(draw, kind):
             problem, body_force=tuple(force * w for w in waves), traction=traction
         )
     return problem
+
+
+def revolved(problem, draw):
+    """The body of revolution with the cross-section of a problem, on the axis or beside it.
+
+    It touches the axis only where it is free or clamped.
+    """
+    mesh = problem.mesh
+    points = np.array([point.p for point in mesh.ngmesh.Points()])
+    size = np.ptp(points[:, 0])
+    inner = points[:, 0].min()
+    beside = (0.0, 0.02, 0.3, 5.0)[int(1e6 * draw.maxh) % 4] * size
+    body = BODIES[draw.body]
+    acting = mesh.Boundaries("|".join([body.load, body.contact])).Elements()
+    numbers = [vertex.nr for element in acting for vertex in element.vertices]
+    if points[numbers, 0].min() <= inner + 1e-9 * size:
+        beside = max(beside, 0.02 * size)
+    for point in mesh.ngmesh.Points():
+        point[0] = max(point.p[0] - inner, 0.0) + beside
+    return replace(problem, mesh=Mesh(mesh.ngmesh), kinematics="axisymmetric")
 
 
 def few_hexahedra(draw):
