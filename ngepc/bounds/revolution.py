@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from ngsolve import CF, ET, VOL, IntegrationRule, x, y
 
-from ngepc.bounds.bernstein import basis, from_nodes, nodes
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets, nodes_of_facets
 from ngepc.bounds.coverage import BUBBLE, CONSTANT, varies_inside
@@ -24,6 +23,7 @@ from ngepc.bounds.ring_search import RingContact, RingSearch, stresses_at
 from ngepc.bounds.ring_stress import CutTriangles, RingStresses
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors
+from ngepc.linalg.bernstein import bernstein_values, from_lattice, lattice_points
 from ngepc.local.system import DiscreteProblem, State
 
 ON_AXIS = 1e-12
@@ -128,7 +128,7 @@ class RevolutionData:
         shares = self._shares(on)
         ends = self.cells.points[self.cells.facets[b.facet[on]]]
         scaled = np.matmul(shares, ends[..., :1]) * values
-        polynomials = basis(shares, self.degree)
+        polynomials = bernstein_values(self.degree, shares)
         found = np.matmul(np.linalg.pinv(polynomials), scaled)
         defect = np.abs(np.matmul(polynomials, found) - scaled).max(initial=0.0)
         hidden = any(
@@ -186,7 +186,7 @@ class RevolutionData:
         moved, weights, _ = self._on_facets(state.u, b.contact, on)
         along = np.einsum("eqi,ei->eq", moved, self.cells.normal[b.contact])
         slack = b.values(self.problem.psi, on)[:, :, 0] - along
-        polynomials = basis(self._shares(on), self.degree)
+        polynomials = bernstein_values(self.degree, self._shares(on))
         opened = np.einsum("eq,eqi->ei", weights * slack, polynomials)
         return RingContact(self._touching, opened, self._hats(self._pressed(state)))
 
@@ -199,13 +199,13 @@ class RevolutionData:
         """Coefficients of r times the hat functions of some vertices, (facets, k + 1, vertices)."""
         ends = self.contact.nodes[:, :2]
         result = np.zeros((len(ends), self.degree + 1, len(vertices)))
-        places = nodes(self.degree, 2)
+        places = lattice_points(1, self.degree)
         r = (
             places
             @ self.cells.points[self.cells.facets[self.boundary.contact]][..., 0].T
         )
         for end in range(2):
-            values = from_nodes(self.degree, 2) @ (places[:, end, None] * r)
+            values = from_lattice(1, self.degree) @ (places[:, end, None] * r)
             there = np.isin(ends[:, end], vertices)
             column = np.searchsorted(vertices, ends[there, end])
             result[there, :, column] = values[:, there].T
@@ -251,10 +251,10 @@ class RevolutionData:
         )
         k = self.degree
         c = self.cut.cells
-        nodal = stresses_at(self.stresses, nodes(k, 3), y)
+        nodal = stresses_at(self.stresses, lattice_points(2, k), y)
         rest = -work.sum(axis=1)
         dual = self.conjugate.ring_integrals(
-            np.matmul(from_nodes(k, 3), nodal),
+            np.matmul(from_lattice(2, k), nodal),
             c.points[c.nodes][:, :, 0],
             c.volume,
             estimate,

@@ -20,7 +20,6 @@ from functools import cache, partial
 
 import numpy as np
 
-from ngepc.bounds.bernstein import basis, from_nodes, nodes, split
 from ngepc.bounds.conjugate import Conjugate, flow_potential
 from ngepc.bounds.polynomials import (
     NARROW,
@@ -32,6 +31,7 @@ from ngepc.bounds.polynomials import (
 )
 from ngepc.bounds.ring_integrals import inverse_from_above, over_radius
 from ngepc.discretisation.law import Law
+from ngepc.linalg.bernstein import bernstein_values, from_lattice, lattice_points
 
 LEVELS = 4
 """How often a triangle is cut at most."""
@@ -45,13 +45,20 @@ TERMS = 8
 def rule_for(degree: int, power: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points for a power of |S|^2 and for |S|^2/r, Bernstein's polynomials there, and weights."""
     places, weights = triangle_rule(max(2 * power * degree, 2 * degree + TERMS))
-    return places, basis(places, degree), weights
+    return places, bernstein_values(degree, places), weights
 
 
 @cache
-def elevated(degree: int) -> np.ndarray:
+def affine_coefficients(degree: int) -> np.ndarray:
     """Bernstein coefficients of an affine function by its values at the vertices, (n, 3)."""
-    return from_nodes(degree, 3) @ nodes(degree, 3)
+    return from_lattice(2, degree) @ lattice_points(2, degree)
+
+
+@cache
+def on_quarters(degree: int) -> np.ndarray:
+    """Coefficients on the four parts of a triangle by those on all of it, (4, n, n)."""
+    places = np.matmul(lattice_points(2, degree), SPLIT[3])
+    return np.matmul(from_lattice(2, degree), bernstein_values(degree, places))
 
 
 class RingConjugate(Conjugate):
@@ -74,11 +81,11 @@ class RingConjugate(Conjugate):
         ``y`` (cells, n, 4) are Bernstein coefficients, ``radii`` (cells, 3) and ``area`` (cells,)
         those of the triangles; ``estimate`` is about the error bound.
         """
-        R = radii @ elevated(self.degree).T
+        R = radii @ affine_coefficients(self.degree).T
         whole = y.copy()
         initial = self.two_mu[:, None] * self.initial[:, 0]
         whole[..., 1:] += R[..., None] * initial[:, None]
-        base = partial(basis, degree=self.degree)
+        base = partial(bernstein_values, self.degree)
         result = over_radius(base, self._form, self.degree, whole, radii, area)
         S = y[..., 1:] - R[..., None] * self.back
         cell = np.flatnonzero(
@@ -113,7 +120,7 @@ class RingConjugate(Conjugate):
             allowed -= float(gain[kept].sum())
             if kept.all():
                 break
-            S = np.matmul(split(self.degree), S[~kept][:, None]).reshape(
+            S = np.matmul(on_quarters(self.degree), S[~kept][:, None]).reshape(
                 -1, *S.shape[1:]
             )
             radii = np.matmul(SPLIT[3], radii[~kept][:, None, :, None]).reshape(-1, 3)
@@ -125,10 +132,10 @@ class RingConjugate(Conjugate):
         self, S: np.ndarray, radii: np.ndarray, cell: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """The mean of r F over parts from above, and by a rule."""
-        R = radii @ elevated(self.degree).T
+        R = radii @ affine_coefficients(self.degree).T
         bound = self._potential(S, R, cell).mean(axis=1)
         places, weights = triangle_rule(2 * self.degree)
-        values = np.matmul(basis(places, self.degree), S)
+        values = np.matmul(bernstein_values(self.degree, places), S)
         rule = self._potential(values, radii @ places.T, cell) @ weights
         if self.resistance.is_constant:
             squares = self._squares(S, R, radii, self.beta[cell])

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ngepc.bounds.bernstein import nodes
 from ngepc.bounds.ring_integrals import ON_AXIS
 from ngepc.bounds.simplices import sliced
+from ngepc.linalg.bernstein import lattice_points
 from ngepc.model.kinematics import AXISYMMETRIC
 
 RR, RZ, ZZ, TT = range(4)
@@ -40,7 +40,7 @@ TO_COORDINATES = np.vstack(
 """The mean and the coordinates of the deviator by the components, (4, 4)."""
 
 
-def powers(degree: int) -> list[tuple[int, int]]:
+def exponents(degree: int) -> list[tuple[int, int]]:
     """The powers (a, b) of xi and eta in polynomials of a degree."""
     return [(a, n - a) for n in range(degree + 1) for a in range(n, -1, -1)]
 
@@ -67,7 +67,7 @@ class RingElement:
         places = (corners - self.centre[:, None]) / self.size[:, None, None]
         affine = np.concatenate([np.ones_like(places[..., :1]), places], axis=2)
         self.force = np.linalg.solve(affine, force)  # of 1, xi, eta
-        self.free = 2 * len(powers(degree)) + degree + 1
+        self.free = 2 * len(exponents(degree)) + degree + 1
         radii = corners[:, :, 0]
         self._on_axis = radii <= ON_AXIS * radii.max(initial=0.0)
         free = np.eye(self.free)
@@ -89,7 +89,7 @@ class RingElement:
         for cell in np.flatnonzero(self._on_axis.any(axis=1)).tolist():
             places = self.corners[cell, self._on_axis[cell]]
             if len(places) == 2:
-                places = nodes(self.degree, 2) @ places
+                places = lattice_points(1, self.degree) @ places
             rows, _ = self.of(np.s_[cell : cell + 1]).rows(places[None])
             S = rows[0][:, [RR, RZ, ZZ]].reshape(-1, self.free)
             allowed[cell] -= np.linalg.pinv(S) @ S
@@ -106,8 +106,8 @@ class RingElement:
         h = self.size[:, None]
         xi, eta = np.moveaxis((x - self.centre[:, None]) / h[..., None], 2, 0)
         rows = np.zeros((*r.shape, 4, self.free))
-        count = len(powers(k))
-        for i, (a, b) in enumerate(powers(k)):
+        count = len(exponents(k))
+        for i, (a, b) in enumerate(exponents(k)):
             by_xi = a * xi ** max(a - 1, 0) * eta**b
             rows[..., RR, i] = rows[..., RZ, count + i] = xi**a * eta**b
             rows[..., TT, i] = r / h * by_xi

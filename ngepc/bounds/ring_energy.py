@@ -41,12 +41,12 @@ def coefficients_of(
     return np.concatenate([corners, middles], axis=1)
 
 
-def at_points(places: np.ndarray) -> np.ndarray:
+def quadratics_at(places: np.ndarray) -> np.ndarray:
     """The polynomials of ``quadratics`` at points (..., 3)."""
     return quadratics(places.reshape(-1, 3)).reshape(*places.shape[:-1], 6)
 
 
-def products(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def affine_products(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Bernstein coefficients of products of affine functions (cells, 3), (cells, 3, ...)."""
     extra = (1,) * (second.ndim - 2)
     first = first.reshape(*first.shape, *extra)
@@ -66,7 +66,7 @@ def strain_rows(coefficients: np.ndarray, cells: Simplices) -> np.ndarray:
     # the derivative of a quadratic function at the vertices
     slopes = 2 * np.einsum("tia,tjib->tjba", cells.gradients, c[:, of_pair])
     r = cells.points[cells.nodes][:, :, 0]
-    in_plane = products(r, slopes)
+    in_plane = affine_products(r, slopes)
     tensor = np.zeros((*in_plane.shape[:2], 3, 3))
     tensor[..., :2, :2] = (in_plane + in_plane.swapaxes(2, 3)) / 2
     tensor[..., 2, 2] = c[..., 0]
@@ -102,15 +102,17 @@ class RingEnergy:
         free = np.zeros((len(flat), 4))
         free[:, 0] = self.law.swelling
         free[:, 1:] = self.law.distortion
-        self.strain = strain - products(self.radii, flat)[..., None] * free[:, None]
+        self.strain = (
+            strain - affine_products(self.radii, flat)[..., None] * free[:, None]
+        )
 
     def elastic(self) -> np.ndarray:
         """Upper bounds of the elastic energy, (triangles,)."""
-        R = products(self.radii, np.ones_like(self.radii))
+        R = affine_products(self.radii, np.ones_like(self.radii))
         Y = self.strain.copy()
         Y[..., 1:] -= R[..., None] * self.law.initial[:, None]
         area = self.cells.volume
-        found = over_radius(at_points, self._form, 2, Y, self.radii, area)
+        found = over_radius(quadratics_at, self._form, 2, Y, self.radii, area)
         history = self.law.two_mu * np.einsum(
             "td,td->t", self.law.initial, self.law.initial
         )
@@ -158,7 +160,7 @@ class RingEnergy:
 
     def may_yield(self) -> np.ndarray:
         """Whether |s| exceeds beta somewhere in a triangle, (triangles,)."""
-        R = products(self.radii, np.ones_like(self.radii))
+        R = affine_products(self.radii, np.ones_like(self.radii))
         S = self.trial(self.strain, R, np.arange(len(R)))
         return (np.linalg.norm(S, axis=2) > self.law.beta[:, None] * R).any(axis=1)
 
@@ -186,7 +188,7 @@ class RingEnergy:
         With S = r s and linear hardening it is that of |S|^2/r - 2 beta |S| + beta^2 r.
         """
         law = self.law.of(cell)
-        R = products(radii, np.ones_like(radii))
+        R = affine_products(radii, np.ones_like(radii))
         S = self.trial(Y, R, cell)
         s = np.divide(S, R[..., None], out=np.zeros_like(S), where=R[..., None] > 0)
         inside = R > 0

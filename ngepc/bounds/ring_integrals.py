@@ -104,7 +104,7 @@ class OverRadius:
         result = np.zeros(len(self._area))
         for cut in range(CUTS + 1):
             r = np.einsum("pij,pj->pi", parts, self._radii[cells])
-            done = (spread(r) <= WIDE) | (cut == CUTS)
+            done = (relative_spread(r) <= WIDE) | (cut == CUTS)
             for m, chosen in by_terms(r, done):
                 shares, weights = triangle_rule(2 * self._degree + m)
                 places = np.matmul(shares, parts[chosen])
@@ -127,7 +127,7 @@ class OverRadius:
         result = np.zeros(len(self._area))
         for cut in range(CUTS + 1):
             rho = np.einsum("pij,pj->pi", edge, self._radii[cells])
-            done = (spread(rho) <= WIDE) | (cut == CUTS)
+            done = (relative_spread(rho) <= WIDE) | (cut == CUTS)
             for m, chosen in by_terms(rho, done):
                 found = self._in_rays(cells[chosen], edge[chosen], top[chosen], m)
                 result += self._summed(cells[chosen], 2 * area[chosen] * found)
@@ -167,7 +167,7 @@ def segment_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array(rule.points)[:, 0], np.array(rule.weights)
 
 
-def spread(radii: np.ndarray) -> np.ndarray:
+def relative_spread(radii: np.ndarray) -> np.ndarray:
     """tau for radii (n, corners), (n,)."""
     least = radii.min(axis=1)
     most = radii.max(axis=1)
@@ -176,7 +176,7 @@ def spread(radii: np.ndarray) -> np.ndarray:
 
 def by_terms(radii: np.ndarray, chosen: np.ndarray) -> list[tuple[int, np.ndarray]]:
     """The least even m with a small remainder, and the chosen parts that it belongs to."""
-    tau = np.minimum(spread(radii), 1 - 1e-15)
+    tau = np.minimum(relative_spread(radii), 1 - 1e-15)
     terms = np.full(len(tau), MOST_TERMS)
     for m in range(MOST_TERMS, 0, -2):
         terms[tau**m / (1 - tau) <= REMAINDER] = m
@@ -188,7 +188,7 @@ def inverse_from_above(r: np.ndarray, ends: np.ndarray, m: int) -> np.ndarray:
     """A polynomial of degree m above 1/r, for r (n, q) within the range of ``ends`` (n, .)."""
     c = ((ends.min(axis=1) + ends.max(axis=1)) / 2)[:, None]
     t = 1 - r / c
-    result = 1 / np.broadcast_to(1 - spread(ends)[:, None], r.shape)
+    result = 1 / np.broadcast_to(1 - relative_spread(ends)[:, None], r.shape)
     for _ in range(m):
         result = 1 + t * result
     return result / c

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.sparse import csc_matrix, diags
 from scipy.sparse.linalg import splu
 
-from ngepc.bounds.bernstein import from_nodes, nodes
 from ngepc.bounds.ring_element import RingElement
 from ngepc.bounds.simplices import FACETS, Simplices
+from ngepc.linalg.bernstein import from_lattice, lattice_points
 
 FEW = 2
 """Triangles at a boundary vertex with at most so many triangles are cut."""
@@ -85,10 +85,10 @@ class RingStresses:
         k = element.degree
         count = len(cells.nodes)
         facet = cells.facet_of.ravel()
-        x = np.matmul(nodes(k, 2), cells.points[cells.facets[facet]])
+        x = np.matmul(lattice_points(1, k), cells.points[cells.facets[facet]])
         of_edges = element.of(np.repeat(np.arange(count), 3))
         rows, load = of_edges.traction_rows(x, cells.normal[facet], frame[facet])
-        to_coefficients = from_nodes(k, 2)
+        to_coefficients = from_lattice(1, k)
         rows = np.matmul(to_coefficients, rows)
         self.edge_rows = rows.reshape(count, -1, element.free)
         self.edge_load = np.matmul(load, to_coefficients.T).reshape(count, -1)

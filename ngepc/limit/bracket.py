@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.bounds.simplices import FACETS
-from ngepc.limit.bernstein import times_hats
 from ngepc.limit.continuous import ContinuousVelocities
 from ngepc.limit.data import LimitData, barycentric
 from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.sliding import SlidingVelocities
 from ngepc.limit.static import AdmissibleStress, Statics
 from ngepc.limit.yielding import YieldShape
+from ngepc.linalg.bernstein import times_hats
 from ngepc.linalg.conic import cone_solution
 
 UNBOUNDED = ("DualInfeasible", "AlmostDualInfeasible")

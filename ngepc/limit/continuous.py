@@ -12,14 +12,6 @@ import numpy as np
 from ngsolve import TRIG, IntegrationRule
 from scipy.sparse import csr_matrix, diags, kron
 
-from ngepc.limit.bernstein import (
-    bernstein_values,
-    chains,
-    integral,
-    multi_indices,
-    raised,
-    times_hats,
-)
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.enclosed import Enclosed
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
@@ -38,6 +30,14 @@ from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.outline import Outline
 from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import YieldShape
+from ngepc.linalg.bernstein import (
+    bernstein_values,
+    chains,
+    integral,
+    multi_indices,
+    raised,
+    times_hats,
+)
 
 MIDDLES = (1 - np.eye(3)) / 2
 """Barycentric coordinates of the middles of edges."""

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_matrix, eye, hstack, kron, vstack
 
-from ngepc.limit.bernstein import bernstein_values, times_hats
 from ngepc.limit.bracket import (
     UNBOUNDED,
     MeshBracket,
@@ -48,6 +47,7 @@ from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.outline import Outline
 from ngepc.limit.static import AdmissibleStress, Statics
 from ngepc.limit.yielding import YieldShape
+from ngepc.linalg.bernstein import bernstein_values, times_hats
 
 DEGREE = 2
 """Degree of the velocities."""

@@ -18,11 +18,11 @@ from ngsolve import (
 )
 
 from ngepc.geometries.outlines import netgen_mesh
-from ngepc.limit.bernstein import bernstein_values, multi_indices
 from ngepc.limit.data import LimitData
 from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.static import AdmissibleStress
 from ngepc.limit.yielding import YieldShape
+from ngepc.linalg.bernstein import bernstein_values, multi_indices
 
 ROUNDED = 1e-14
 """Coefficients of velocities below this fraction of the largest are set to zero."""

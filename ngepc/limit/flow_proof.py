@@ -23,11 +23,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.bounds.simplices import FACETS, Simplices
-from ngepc.limit.bernstein import distinct_parts, multi_indices, raised, times_hats
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.enclosed import LARGER, UNIT, Enclosed
 from ngepc.limit.outline import Outline, Tree, connected_parts, tree_from
 from ngepc.limit.yielding import SLIP, YieldShape
+from ngepc.linalg.bernstein import distinct_parts, multi_indices, raised, times_hats
 
 
 @dataclass(frozen=True, eq=False)

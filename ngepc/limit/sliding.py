@@ -15,15 +15,6 @@ import numpy as np
 from ngsolve import SEGM, TET, TRIG, IntegrationRule
 from scipy.sparse import csr_matrix, diags, eye, kron, vstack
 
-from ngepc.limit.bernstein import (
-    bernstein_values,
-    chains,
-    integral,
-    multi_indices,
-    parts_of,
-    raised,
-    times_hats,
-)
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.enclosed import Enclosed, joined_enclosures
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
@@ -44,6 +35,15 @@ from ngepc.limit.outline import Outline
 from ngepc.limit.reading import completed_frame
 from ngepc.limit.static import sparse_rows
 from ngepc.limit.yielding import SLIP, YieldShape
+from ngepc.linalg.bernstein import (
+    bernstein_values,
+    chains,
+    integral,
+    multi_indices,
+    parts_of,
+    raised,
+    times_hats,
+)
 
 DEGREE = 2
 """Degree of the velocities."""

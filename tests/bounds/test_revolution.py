@@ -20,13 +20,13 @@ from ngepc import (
     solve_to,
     write_receipt,
 )
-from ngepc.bounds.bernstein import basis, from_nodes, nodes
 from ngepc.bounds.bound import data_on
 from ngepc.bounds.polynomials import SPLIT, quadratics, triangle_rule
 from ngepc.bounds.ring_element import RR, RZ, TO_COORDINATES, TT, ZZ, RingElement
-from ngepc.bounds.ring_energy import RingEnergy, at_points, elastic_part
+from ngepc.bounds.ring_energy import RingEnergy, quadratics_at
 from ngepc.bounds.ring_integrals import over_radius
 from ngepc.bounds.simplices import Simplices
+from ngepc.linalg.bernstein import bernstein_values, from_lattice, lattice_points
 from ngepc.model.kinematics import AXISYMMETRIC
 
 ELASTIC = Material.kinematic(
@@ -66,8 +66,10 @@ def least_energy_of(inner):
 
 @pytest.mark.parametrize(
     ("inner", "order", "most"),
-    [(0.05, 1, 1.06), (1.0, 1, 1.01), (30.0, 1, 1.001)]
-    + [(0.05, 2, 1.1), (1.0, 2, 1.03), (30.0, 2, 1.01)],
+    [
+        *((0.05, 1, 1.06), (1.0, 1, 1.01), (30.0, 1, 1.001)),
+        *((0.05, 2, 1.1), (1.0, 2, 1.03), (30.0, 2, 1.01)),
+    ],
 )
 def test_the_energy_of_a_tube_lies_within_the_bounds(inner, order, most):
     bound = error_bound(semismooth_newton(tube(0.3, order, inner)))
@@ -117,7 +119,7 @@ def test_the_stress_does_the_work_of_the_loads(order):
     shares, weights = triangle_rule(12)
     corners = cells.points[cells.nodes]
     r, z = np.moveaxis(np.matmul(shares, corners), 2, 0)
-    stress = basis(shares, k) @ from_nodes(k, 3) @ bound.admissible
+    stress = bernstein_values(k, shares) @ from_lattice(2, k) @ bound.admissible
     top = np.linspace(0, 1, 2001)
     P = vertex_function(bound, cells)
     for u, v, gradient in virtual_displacements():
@@ -210,7 +212,7 @@ def integral_over_radius(corners, values):
     coefficients = np.linalg.inv(quadratics(shares)) @ values(*(shares @ corners[0]).T)
     form = lambda Y, _: Y[..., 0] ** 2  # noqa: E731
     Y = coefficients[None, :, None]
-    return float(over_radius(at_points, form, 2, Y, corners[:, :, 0], area)[0])
+    return float(over_radius(quadratics_at, form, 2, Y, corners[:, :, 0], area)[0])
 
 
 def test_squares_over_the_radius_are_integrated_from_above():
@@ -258,12 +260,12 @@ def test_energies_are_bounded_as_fine_rules_integrate_them(material):
     numbers = random.standard_normal((count, bound_data.stresses.element.free))
     corners = bound_data.cut.cells.points[bound_data.cut.cells.nodes]
     nodal = basis_values(bound_data, numbers)
-    coefficients = from_nodes(3, 3) @ nodal
+    coefficients = from_lattice(2, 3) @ nodal
     area = bound_data.cut.cells.volume
     radii = corners[:, :, 0]
     upper = conjugate.ring_integrals(coefficients, radii, area, 0.0)
     r = radii @ places.T
-    z = basis(places, 3) @ coefficients / r[..., None]
+    z = bernstein_values(3, places) @ coefficients / r[..., None]
     density = conjugate.value(conjugate.completed(z))
     exact = 2 * math.pi * area * ((r * density) @ weights)
     assert (upper >= exact * (1 - 1e-4)).all()
@@ -273,7 +275,7 @@ def test_energies_are_bounded_as_fine_rules_integrate_them(material):
 def basis_values(bound_data, numbers):
     """Coordinates of r sigma at the nodes of the triangles."""
     element = bound_data.stresses.element
-    rows, load = element.rows(np.matmul(nodes(3, 3), element.corners))
+    rows, load = element.rows(np.matmul(lattice_points(2, 3), element.corners))
     values = np.matmul(rows, numbers[:, None, :, None])[..., 0] + load
     return values @ TO_COORDINATES.T
 

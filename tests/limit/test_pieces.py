@@ -10,7 +10,6 @@ from scipy.sparse import csr_matrix
 
 from ngepc import LimitStatus, Material, Problem, limit_load
 from ngepc.geometries import block
-from ngepc.limit.bernstein import bernstein_values, multi_indices
 from ngepc.limit.bracket import bracket_on
 from ngepc.limit.data import GROWS, STAYS, barycentric
 from ngepc.limit.flow_proof import _of_speeds
@@ -19,6 +18,7 @@ from ngepc.limit.outline import Outline
 from ngepc.limit.reading import growing_names, limit_data
 from ngepc.limit.repair import Projection
 from ngepc.limit.yielding import SHAPES, SLIP
+from ngepc.linalg.bernstein import bernstein_values, multi_indices
 
 CLAY = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=math.sqrt(2), hardening=1.0

@@ -11,7 +11,6 @@ import pytest
 from ngepc import Material, Problem
 from ngepc.bounds.simplices import FACETS
 from ngepc.geometries import block
-from ngepc.limit.bernstein import multi_indices
 from ngepc.limit.bracket import bracket_on, centre_of
 from ngepc.limit.data import GROWS, STAYS
 from ngepc.limit.enclosed import Enclosed, cross
@@ -21,6 +20,7 @@ from ngepc.limit.reading import growing_names, limit_data
 from ngepc.limit.static import Statics
 from ngepc.limit.statics_proof import OF_TRACTIONS
 from ngepc.limit.yielding import SHAPES
+from ngepc.linalg.bernstein import multi_indices
 from ngepc.linalg.conic import cone_solution
 
 CLAY = Material.kinematic(

@@ -38,11 +38,23 @@ def raised(N: int, degree: int) -> np.ndarray:
 
 
 def bernstein_values(degree: int, points: np.ndarray) -> np.ndarray:
-    """The polynomials B_a at barycentric points (m, N + 1), shape (m, n)."""
-    indices = multi_indices(points.shape[1] - 1, degree)
+    """The polynomials B_a at barycentric points (..., N + 1), shape (..., n)."""
+    indices = multi_indices(points.shape[-1] - 1, degree)
     factorials = np.array([math.factorial(j) for j in range(degree + 1)])
     weights = math.factorial(degree) / factorials[indices].prod(axis=1)
-    return weights * (points[:, None] ** indices).prod(axis=2)
+    return weights * (points[..., None, :] ** indices).prod(axis=-1)
+
+
+@cache
+def lattice_points(N: int, degree: int) -> np.ndarray:
+    """Barycentric points a/k, as many as there are polynomials of degree k, (n, N + 1)."""
+    return multi_indices(N, degree) / max(degree, 1)
+
+
+@cache
+def from_lattice(N: int, degree: int) -> np.ndarray:
+    """The coefficients of a polynomial by its values at the points of the lattice, (n, n)."""
+    return np.linalg.inv(bernstein_values(degree, lattice_points(N, degree)))
 
 
 def integral(N: int, degree: int) -> float:
@@ -64,12 +76,10 @@ def parts_of(N: int, degree: int, cuts: int) -> np.ndarray:
     Each edge is cut into ``cuts`` equal parts.  The parts of the simplex have the same volume, so
     that the mean of all coefficients is the mean of the polynomial.
     """
-    nodes = multi_indices(N, degree) / max(degree, 1)
-    to_coefficients = np.linalg.inv(bernstein_values(degree, nodes))
     parts = []
     for corners in _parts(N, cuts):
-        own = bernstein_values(degree, nodes @ corners)
-        parts.append(to_coefficients @ own)
+        own = bernstein_values(degree, lattice_points(N, degree) @ corners)
+        parts.append(from_lattice(N, degree) @ own)
     return np.concatenate(parts)
 
 
