@@ -58,6 +58,7 @@ campaigns: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results robustness
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results crossings
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results squares
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results rings
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results cubes
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results derivatives
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results equilibria

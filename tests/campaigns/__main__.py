@@ -24,6 +24,7 @@ from campaigns.limits import Limits
 from campaigns.mutants import Mutants
 from campaigns.proximal import ProximalSteps
 from campaigns.receipts import Receipts
+from campaigns.rings import Rings
 from campaigns.robustness import Robustness
 from campaigns.shakedown import Shakedowns
 from campaigns.squares import Squares
@@ -75,6 +76,8 @@ def arguments():
     )
     slopes.set_defaults(kind=Derivatives, options=("count",))
     slopes.add_argument("--count", type=int, default=Derivatives.count)
+    rings = campaigns.add_parser("rings", help="bounds of bodies of revolution")
+    rings.set_defaults(kind=Rings, options=())
     squares = campaigns.add_parser("squares", help="bounds on quadrilaterals")
     squares.set_defaults(kind=Squares, options=("fine",))
     squares.add_argument("--fine", type=int, default=Squares.fine)
