@@ -66,7 +66,7 @@ A method may cover two features but not both at once. These pairs are refused, t
   parallelograms and `order=1`. Hill's criterion and sub-elements have none on hexahedra.
 - Bounds on hexahedra need flat faces, and `order=1` with friction. If an obstacle is not affine
   on faces (quadratic for order 2), the bound is one for a displacement that is moved clear of it.
-- Bounds of bodies of revolution need triangles, polynomial loads, and supports that hold every part.
+- Bounds of bodies of revolution need triangles, polynomial loads and supports of every part.
   They cover rigid obstacles without friction, no springs, no Hill's criterion and no sub-elements.
 - Bounds, goals and brackets of two bodies, and of parts that contact alone holds, are for plane
   problems without friction. The first boundary of a pair must be straight, and the bodies are not
