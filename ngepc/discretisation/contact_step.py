@@ -166,50 +166,49 @@ def _other_forces(here: Iterate, solve: Solve, rows: np.ndarray) -> np.ndarray |
 
 
 def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:
-    """Whether no change d of the forces has d.E'Sd >= d.Sd, with E'g = (mu e.g_t, 0).
+    """Whether no change d of the forces has d.E'Sd >= d.Sd, with E n = (0, mu e n).
 
     Two solutions differ by a d with d.Sd <= d.E'Sd, e at one of them: their normal parts have
     d_n.(Sd)_n <= 0, and friction as ``FrictionCone.follows`` says (Renard, SIAM J. Math. Anal. 38,
-    2006, for the continuous problem).  The largest quotient is that of Lanczos' method in the
-    product S, from a random start, with as many steps as leave a chance of ``DOUBT`` that it is 1
-    or more (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992, for a direction of
-    uniform probability).  ``follows`` is mu e (m, d), ``compliance`` and ``stiffness`` are d -> S d
-    and its inverse, both for (n, t).
+    2006, for the continuous problem).  Since
+
+        d.Sd - d.E'Sd = (d - Ed/2).S(d - Ed/2) - Ed.SEd/4,
+
+    whose first term is at least n.Cn for n = d_n, with C^-1 the normal part of S^-1, there is none
+    if n.E'SEn < 4 n.Cn for all n.  The largest quotient is that of Lanczos' method in the product
+    C, from a random start, with as many steps as leave a chance of ``DOUBT`` that it is 1 or more
+    (Kuczynski and Wozniakowski, SIAM J. Matrix Anal. Appl. 13, 1992, for a direction of uniform
+    probability).  ``follows`` is mu e (m, d), ``compliance`` and ``stiffness`` are d -> S d and its
+    inverse, both for (n, t).
     """
     m = len(follows)
-    directions = np.zeros((0, m + follows.size))  # and their products with S
+    no_tangents = np.zeros(follows.size)
+    directions = np.zeros((0, m))  # and their products with C
     products = directions
     T = np.zeros((PROBES + 1, PROBES + 1))
-    g = np.random.default_rng(0).standard_normal(m + follows.size)
-    d = stiffness(g)
+    g = np.random.default_rng(0).standard_normal(m)
+    n = stiffness(np.append(g, no_tangents))[:m]
     for k in range(PROBES):
-        size = float(np.sqrt(max(d @ g, 0.0)))
+        size = float(np.sqrt(max(n @ g, 0.0)))
         if k:
-            values = np.linalg.eigvalsh(T[:k, :k])
-            spread = (1 - values[-1]) / (1 - values[0])
-            if not (spread > 0 and np.isfinite(size)):
+            left = 1 - np.linalg.eigvalsh(T[:k, :k])[-1]
+            if not (left > 0 and np.isfinite(size)):
                 return False
-            probability = (
-                1.648 * np.sqrt(len(g)) * np.exp(-(2 * k - 1) * np.sqrt(spread))
-            )
+            probability = 1.648 * np.sqrt(m) * np.exp(-(2 * k - 1) * np.sqrt(left))
             if probability <= DOUBT or size <= EXHAUSTED:
                 return True
             T[k, k - 1] = T[k - 1, k] = size
-        v = d / size
-        Sv = g / size
+        v = n / size
         directions = np.vstack([directions, v])
-        products = np.vstack([products, Sv])
-        # E'Sv
-        back = np.append(
-            (follows * Sv[m:].reshape(follows.shape)).sum(axis=1), 0 * Sv[m:]
-        )
-        slanted = np.append(0 * v[:m], follows * v[:m, None])  # E v
-        d = (slanted + stiffness(back)) / 2
-        g = (compliance(slanted) + back) / 2
-        T[k, k] = d @ Sv
+        products = np.vstack([products, g / size])
+        slanted = follows * v[:, None]  # E v
+        slip = compliance(np.append(0 * v, slanted))[m:].reshape(follows.shape)
+        g = (follows * slip).sum(axis=1) / 4  # E'SEv/4
+        n = stiffness(np.append(g, no_tangents))[:m]
+        T[k, k] = n @ products[k]
         for _ in range(2):  # one pass leaves rounding errors
-            shares = products @ d
-            d = d - shares @ directions
+            shares = products @ n
+            n = n - shares @ directions
             g = g - shares @ products
     return False
 
