@@ -62,12 +62,12 @@ def with_contact(
     if conditions.absent:
         return change, here.contact
 
-    def product(more: np.ndarray) -> np.ndarray:
-        """The displacement of the rows by additional forces, which also change the step."""
-        nonlocal change
-        answer = solve(conditions.forces(more))
-        change = change - answer
-        return conditions.displacement(answer)
+    answers = []
+
+    def product(forces: np.ndarray) -> np.ndarray:
+        """The displacement of the rows by forces; that of all nodes is kept."""
+        answers.append(solve(conditions.forces(forces)))
+        return conditions.displacement(answers[-1])
 
     gaps = here.gaps - conditions.displacement(change)
     sizes = (
@@ -75,14 +75,19 @@ def with_contact(
         -conditions.normal(gaps).min(initial=0.0),
     )
     slack = ROUNDING * float(max(sizes))
-    found = solve_by_secants(
-        conditions.friction, product, compliance, gaps, here.contact, slack
-    )
+    law = conditions.friction
+    given = gaps, here.contact, slack
+    # small problems between bounds cost less than the response
+    response = None if law.is_box else law.response
+    found = solve_by_secants(law, product, compliance, *given, response)
     if found is None:
-        raise FactorisationError(UNSOLVABLE[conditions.friction.d > 0])
+        raise FactorisationError(UNSOLVABLE[law.d > 0])
+    forces, parts = found
+    for part, answer in zip(parts, answers, strict=True):
+        change = change - part * answer
     # the forces of the springs belong to rollers
     springs = conditions.springs(here.body.row_stiffness)
-    return change, found + springs * conditions.displacement(change)
+    return change, forces + springs * conditions.displacement(change)
 
 
 def several_solutions(

@@ -221,6 +221,16 @@ class FrictionCone:
         return closed | self.given
 
     @cached_property
+    def is_convex(self) -> bool:
+        """Whether all bounds are given: the forces minimise a convex energy."""
+        return bool((self.given | self.tied).all())
+
+    @property
+    def is_box(self) -> bool:
+        """Whether the forces are those between two bounds each, see ``box``."""
+        return self.d == 0 or (self.d == 1 and self.is_convex)
+
+    @cached_property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """The least and the largest forces where all bounds are given and d is at most 1."""
         most = np.tile(np.where(self.tied, 0.0, self.cap), self.d)
@@ -289,6 +299,10 @@ class FrictionCone:
         m = len(self.cap)
         return x[:m], x[m:].reshape(m, self.d)
 
+    def with_forces(self, closed: np.ndarray) -> np.ndarray:
+        """Numbers of the forces of the rows that friction acts on, from those that are closed."""
+        return self.numbers(np.flatnonzero(self.with_friction(closed)))
+
     def numbers(self, rows: np.ndarray) -> np.ndarray:
         """Numbers of the forces of some rows, n first."""
         tangents = len(self.cap) + self.d * rows[:, None] + np.arange(self.d)
@@ -298,13 +312,11 @@ class FrictionCone:
         self, W: Compliance, gaps: np.ndarray, forces: np.ndarray
     ) -> tuple[np.ndarray, bool]:
         """The ``SmallProblem`` of ``secants``; where Newton's method fails the best that it saw."""
-        convex = bool((self.given | self.tied).all())
-        if self.d == 0 or (self.d == 1 and convex):
+        if self.is_box:
             change, exact = in_box(W, gaps, forces, *self.box)
             if exact or self.d == 0:
                 return change, exact
-        n, t = self.split(W.diagonal)
-        compliance = np.append(n, np.repeat(t.mean(axis=1), self.d))
+        compliance = self._along(W)
         best = (np.inf, np.zeros_like(forces))
         zero = np.zeros_like(forces)
         for start, soft in product((lambda: zero, lambda: _stuck(W, gaps)), SOFT):
@@ -320,10 +332,29 @@ class FrictionCone:
                 _, change, exact = equation.solved(found - forces)
                 if exact:
                     return change, True
-        if convex:
+        if self.is_convex:
             equation = _Equation(self, W, gaps, forces, SOFT[0] / compliance)
             return equation.approached(self.projected(forces) - forces)
         return self.projected(forces + best[1]) - forces, False
+
+    def response(
+        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray
+    ) -> np.ndarray:
+        """The ``Response`` of ``secants``."""
+        equation = _Equation(self, W, gaps, forces, SOFT[0] / self._along(W))
+        y = forces - equation.c * gaps
+        closed = (y[: len(self.cap)] > 0) | self.tied
+        chosen = self.with_forces(closed)
+        blocks, J = equation.linearised(y, closed, chosen)
+        right = of_rows(blocks, np.diag(equation.c[chosen]))
+        A = np.zeros((len(gaps), len(gaps)))
+        A[np.ix_(chosen, chosen)] = np.linalg.solve(J, right)
+        return A
+
+    def _along(self, W: Compliance) -> np.ndarray:
+        """The compliance of each force, the same for all tangents of a row."""
+        n, t = self.split(W.diagonal)
+        return np.append(n, np.repeat(t.mean(axis=1), self.d))
 
     def follows(
         self, forces: np.ndarray, gaps: np.ndarray, touching: float
@@ -480,9 +511,8 @@ class _Equation:
         m = len(law.cap)
         closed = (self.forces + change - trial.slack)[:m] > 0
         closed |= law.tied
-        with_friction = law.with_friction(closed)
         opened = np.flatnonzero(~closed)
-        chosen = law.numbers(np.flatnonzero(with_friction))
+        chosen = law.with_forces(closed)
         following = -self.forces
         following[chosen] = change[chosen]
         following[opened] = -self.forces[opened]
@@ -490,9 +520,7 @@ class _Equation:
             trial = self.at(following)
         y = self.forces + following - trial.slack
 
-        blocks = law.slope(y, closed)[with_friction]
-        J = of_rows(blocks, self.c[chosen, None] * self.W.block(chosen))
-        add_to_rows(J, np.eye(1 + law.d) - blocks)
+        _, J = self.linearised(y, closed, chosen)
         residual = trial.slack.copy()
         residual[m:] += trial.beyond[m:]
         residual[opened] = 0.0
@@ -501,6 +529,16 @@ class _Equation:
         except np.linalg.LinAlgError:
             return None
         return following - change if np.isfinite(following).all() else None
+
+    def linearised(
+        self, y: np.ndarray, closed: np.ndarray, chosen: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The slope D of the projection at y for the ``chosen`` forces, and Id - D + D c W."""
+        law = self.law
+        blocks = law.slope(y, closed)[law.with_friction(closed)]
+        J = of_rows(blocks, self.c[chosen, None] * self.W.block(chosen))
+        add_to_rows(J, np.eye(1 + law.d) - blocks)
+        return blocks, J
 
     def solved(self, change: np.ndarray) -> tuple[float, np.ndarray, bool]:
         """The smallest residual of Newton's method, the change there, and whether it converged.

@@ -5,11 +5,15 @@ g + S (x - x_0).  The conditions that forces and gaps have to meet are solved wi
 instead of S; one true product with the change of the forces then gives the true gaps and teaches W.
 Every product that is not the last one is a new direction, so that it ends after at most as many as
 there are rows, and in practice after about as many as the conjugate gradient method needs.
+
+As long as no row changes its state (open, sticking, slipping) the conditions are linear: minimal
+residuals solve them for the true S, which leaves few problems with W.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +22,7 @@ SPANNED = 1e-12
 
 ROUNDING = 3e-14  # relative size of rounding in a product S force
 FIRST = 3e-2  # part of the slack below which the first change counts as rounding
+LEFT = 1e-3  # part of the residual at which minimal residuals end
 RESTARTS = 4  # largest number of products, relative to the number of rows
 
 
@@ -53,7 +58,7 @@ class Compliance:
 
     def block(self, chosen: np.ndarray) -> np.ndarray:
         """Rows and columns of W for some of the forces, a copy."""
-        return self._matrix[np.ix_(chosen, chosen)]
+        return self._matrix[chosen][:, chosen]
 
     def plus(self, diagonal: np.ndarray) -> Compliance:
         """W and a diagonal, which has learned nothing."""
@@ -86,41 +91,111 @@ class Compliance:
         self._learned.append((v, Sv))
         return True
 
+    def learn_anyway(self, force: np.ndarray, answer: np.ndarray) -> None:
+        """The same, at the cost of earlier products: their rounding errors may hide this one."""
+        if not self.learn(force, answer):
+            self.restart()
+            self.learn(force, answer)
+
 
 SmallProblem = Callable[[Compliance, np.ndarray, np.ndarray], tuple[np.ndarray, bool]]
 """(W, gaps, forces) -> the change of the forces that meets the conditions, whether to rounding."""
 
+Response = Callable[[Compliance, np.ndarray, np.ndarray], np.ndarray]
+"""(W, gaps, forces), which meet the conditions -> A (n, n): they go on to do so with forces less A g
+if the gaps grow by g and no row changes its state."""
+
+Product = Callable[[np.ndarray], np.ndarray]
+
 
 def solve_by_secants(
     small: SmallProblem,
-    product: Callable[[np.ndarray], np.ndarray],
+    product: Product,
     compliance: Compliance,
     gaps: np.ndarray,
     forces: np.ndarray,
     slack: float,
-) -> np.ndarray | None:
+    response: Response | None = None,
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Forces that meet the conditions of contact with the gaps they cause, from those given (n,).
 
-    ``product`` maps d to S d; it is called with each change of the forces, which add up to all of
-    it.  Changes of the gaps below ``slack`` (length) need no further product; the first one is made
-    unless it is rounding, so that none of several calls leaves the gaps as they were.  None if a
-    number became NaN or infinite or rows are dependent.
+    ``product`` maps d to S d.  Parts of the forces d that it is called with are the change of the
+    forces: these parts are the second array.  Changes of the gaps below ``slack`` (length) need no
+    further product; the first one is made unless it is rounding, so that none of several calls
+    leaves the gaps as they were.  ``response`` is used between small problems to go on in the same
+    state.  None if a number became NaN or infinite or rows are dependent.
     """
     compliance.restart()
+    parts = np.zeros(0)
     for number in range(RESTARTS * (len(gaps) + 3)):
         change, exact = small(compliance, gaps, forces)
+        predicted = compliance @ change
         rounding = slack * (1 if number else FIRST)
-        if exact and np.abs(compliance @ change).max(initial=0.0) <= rounding:
-            return np.where(forces + change == 0, 0.0, forces)
+        if exact and np.abs(predicted).max(initial=0.0) <= rounding:
+            return np.where(forces + change == 0, 0.0, forces), parts
+        A = None
+        if exact and response is not None:
+            A = response(compliance, gaps + predicted, forces + change)
         answer = product(change)
         gaps = gaps + answer
         forces = forces + change
+        parts = np.append(parts, 1.0)
         if not np.isfinite(answer).all():
             return None
-        # rounding errors of far larger earlier products hide this one
-        if not compliance.learn(change, answer):
-            compliance.restart()
-            compliance.learn(change, answer)
+        compliance.learn_anyway(change, answer)
         # the rounding error of the product stays in the gaps
         slack = max(slack, ROUNDING * float(np.abs(answer).max()))
+        if A is not None:
+            more = in_same_state(A, product, compliance, gaps, slack)
+            gaps = gaps + more.parts @ more.answers
+            forces = forces + more.parts @ more.forces
+            parts = np.append(parts, more.parts)
+            if not np.isfinite(gaps).all():
+                return None
     return None
+
+
+class Combination(NamedTuple):
+    """A change of the forces: parts (k,) of forces (k, n) with the answers (k, n)."""
+
+    parts: np.ndarray
+    forces: np.ndarray
+    answers: np.ndarray
+
+
+def in_same_state(
+    A: np.ndarray, product: Product, W: Compliance, gaps: np.ndarray, slack: float
+) -> Combination:
+    """The change d of the forces with A (gaps + S d) = 0, by minimal residuals; W learns S.
+
+    It ends where W times the residual, a length, is below ``slack`` or ``LEFT`` of what it was.
+    """
+    right = -A @ gaps
+    rest = right
+    enough = max(slack, LEFT * np.abs(W @ rest).max(initial=0.0))
+    forces = np.zeros((0, len(gaps)))
+    answers = forces
+    images = forces  # A S times the forces, made orthonormal
+    triangle = np.zeros((len(gaps), len(gaps)))  # the images in these coordinates
+    for k in range(len(gaps)):
+        if not np.abs(W @ rest).max(initial=0.0) > enough:
+            break
+        d = rest / np.linalg.norm(rest)
+        answer = product(d)
+        image = A @ answer
+        for _ in range(2):  # one pass leaves rounding errors
+            shares = images @ image
+            triangle[:k, k] += shares
+            image = image - shares @ images
+        size = np.linalg.norm(image)
+        if not size > 0:
+            break
+        triangle[k, k] = size
+        forces = np.vstack([forces, d])
+        answers = np.vstack([answers, answer])
+        images = np.vstack([images, image / size])
+        rest = rest - (images[k] @ rest) * images[k]
+        W.learn_anyway(d, answer)
+    k = len(forces)
+    parts = np.linalg.solve(triangle[:k, :k], images @ right)
+    return Combination(parts, forces, answers)

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from ngepc.linalg.friction import in_box
+from ngepc.linalg.friction import FrictionCone, in_box
 from ngepc.linalg.secants import Compliance, solve_by_secants
 
 
@@ -96,15 +96,49 @@ def test_secants_find_the_forces_with_few_products(rng):
         return S @ d
 
     W = Compliance(np.diag(S).copy())
-    x = solve_by_secants(in_box, product, W, gaps, nothing, 1e-12)
+    x, parts = solve_by_secants(in_box, product, W, gaps, nothing, 1e-12)
     assert np.abs(np.minimum(x, gaps + S @ x)).max() < 1e-11
     assert len(products) <= 41
-    assert sum(products) == pytest.approx(x, abs=1e-12)
+    assert parts @ products == pytest.approx(x, abs=1e-12)
     products.clear()
     S *= 1 + 1e-6
-    again = solve_by_secants(in_box, product, W, gaps + S @ x, x, 1e-12)
+    again, _ = solve_by_secants(in_box, product, W, gaps + S @ x, x, 1e-12)
     assert np.abs(np.minimum(again, gaps + S @ again)).max() < 1e-11
     assert len(products) <= 3
+
+
+@pytest.mark.parametrize("d", [1, 2])
+def test_minimal_residuals_between_small_problems_find_the_same_forces(rng, d):
+    """Open, sticking and slipping rows: the same forces, with a third of the small problems."""
+    m = 20
+    n = m * (1 + d)
+    S, nothing = spd(rng, n, 30), np.zeros(n)
+    cone = FrictionCone(np.full(m, np.inf), np.full(m, 0.3), np.zeros(m, dtype=bool), d)
+    gaps, found, counts = rng.normal(size=n) - 0.5 * (np.arange(n) < m), [], []
+    for response in (None, cone.response):
+        asked, products = [], []
+
+        def small(*given, asked=asked):
+            asked.append(given)
+            return cone(*given)
+
+        def product(change, products=products):
+            products.append(change)
+            return S @ change
+
+        W = Compliance(np.diag(S).copy())
+        x, parts = solve_by_secants(small, product, W, gaps, nothing, 1e-13, response)
+        assert parts @ products == pytest.approx(x, abs=1e-11)
+        y = x - (gaps + S @ x)
+        assert cone.projected(y) == pytest.approx(x, abs=1e-11)
+        found.append(x)
+        counts.append(len(asked))
+    assert found[1] == pytest.approx(found[0], abs=1e-11)
+    assert counts[1] < counts[0] / 3
+    n, t = cone.split(found[0])
+    assert set(n > 0) == {True, False}
+    slips = cone.sizes(t)[n > 0] > (1 - 1e-9) * 0.3 * n[n > 0]
+    assert set(slips) == {True, False}
 
 
 def test_dependent_rows_share_a_force():
@@ -112,7 +146,9 @@ def test_dependent_rows_share_a_force():
     S = np.ones((2, 2))
     for gaps, forces in (([-1.0, -1.0], [0.5, 0.5]), ([-1.0, -2.0], [0.0, 2.0])):
         W = Compliance(np.ones(2))
-        found = solve_by_secants(in_box, S.dot, W, np.array(gaps), np.zeros(2), 1e-12)
+        found, _ = solve_by_secants(
+            in_box, S.dot, W, np.array(gaps), np.zeros(2), 1e-12
+        )
         assert found == pytest.approx(forces)
         assert (np.array(gaps) + S @ found >= -1e-12).all()
 
