@@ -11,6 +11,7 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import (
+    is_number,
     Coefficient,
     require_components,
     require_integer,
@@ -142,13 +143,12 @@ class Schedule:
             raise ValueError(
                 "obstacle_motion with begin=None: the time of the initial state is needed"
             )
+        motions = [self.obstacle_motion(t) for t in (before, time)]
         first, last = (
-            require_components(
-                f"obstacle_motion at time {t:g}", self.obstacle_motion(t), dimension
-            )
-            for t in (before, time)
+            require_components(f"obstacle_motion at time {t:g}", motion, dimension)
+            for t, motion in zip((before, time), motions, strict=True)
         )
-        return last - first
+        return None if are_same_numbers(*motions) else last - first
 
     def at(self, time: float) -> Changes:
         """The changes at a time; an error if they are not a mapping of legal fields."""
@@ -170,6 +170,13 @@ def as_schedule(steps: object) -> Schedule:
     if isinstance(steps, Schedule):
         return steps
     return Schedule.listed(steps)
+
+
+def are_same_numbers(one: Motion, other: Motion) -> bool:
+    """Whether two vectors, of legal components, are the same numbers."""
+    if isinstance(one, CoefficientFunction) or isinstance(other, CoefficientFunction):
+        return False
+    return all(map(is_number, (*one, *other))) and tuple(one) == tuple(other)
 
 
 def numbers_in(name: str, values: object) -> tuple[float, ...]:

@@ -58,7 +58,7 @@ class Compliance:
 
     def block(self, chosen: np.ndarray) -> np.ndarray:
         """Rows and columns of W for some of the forces, a copy."""
-        return self._matrix[chosen][:, chosen]
+        return self._matrix[np.ix_(chosen, chosen)]
 
     def plus(self, diagonal: np.ndarray) -> Compliance:
         """W and a diagonal, which has learned nothing."""

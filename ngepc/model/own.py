@@ -57,8 +57,9 @@ class OwnCopies:
 
     def _own(self, name: str, value: object) -> object:
         """A datum that no later change reaches."""
-        change = with_numbers if name.startswith(INITIAL) else with_own_functions
-        state = list(_contents(value))
+        of_a_step = name.startswith(INITIAL)  # its functions are not copied
+        change = with_numbers if of_a_step else with_own_functions
+        state = list(_contents(value, functions=not of_a_step))
         last = self._last.get(name)
         if last is None or last[0] is not value or last[1] != state:
             last = value, state, _changed(name, value, change)
@@ -66,13 +67,13 @@ class OwnCopies:
         return last[2]
 
 
-def _contents(value: object) -> Iterator[object]:
-    """What may change in a datum: numbers of parameters, values of functions."""
+def _contents(value: object, *, functions: bool) -> Iterator[object]:
+    """What may change in a datum: numbers of parameters, values of functions if they count."""
     if isinstance(value, CoefficientFunction):
         for leaf in leaves_of(value, PARAMETER):
             if isinstance(leaf, Parameter):
                 yield leaf.Get()
-        for leaf in leaves_of(value, FUNCTION):
+        for leaf in leaves_of(value, FUNCTION) if functions else ():
             if isinstance(leaf, GridFunction):
                 yield hash(leaf.vec.FV().NumPy().tobytes())
         return
@@ -84,7 +85,7 @@ def _contents(value: object) -> Iterator[object]:
     elif is_dataclass(value) and not isinstance(value, type):
         parts = vars(value).values()
     for part in parts:
-        yield from _contents(part)
+        yield from _contents(part, functions=functions)
 
 
 def _changed(name: str, value: object, change: Change) -> object:

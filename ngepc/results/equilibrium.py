@@ -17,10 +17,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from ngsolve import H1
 
 from ngepc._deprecated import renamed
 from ngepc.checks.arguments import require_vector
-from ngepc.discretisation.loads import displacement_space, nodes_at
+from ngepc.discretisation.loads import nodes_at
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem
@@ -77,11 +78,11 @@ class Equilibrium:
         A component that several supports hold at a node is shared equally among them.
         """
         problem = self.problem
-        V = displacement_space(self.problem)
+        scalar = H1(problem.mesh, order=problem.order)
         supports = (*problem.clamped_names, *problem.single("prescribed"))
         here = {place: np.zeros(self.free.shape) for place in supports}
         for _, place, axis, _ in problem.held:
-            here[place][axis, nodes_at(V.components[axis], place)] = 1.0
+            here[place][axis, nodes_at(scalar, place)] = 1.0
         held = {
             place: problem.nodal_processes.summed(mask.T).T > 0
             for place, mask in here.items()
