@@ -69,29 +69,36 @@ class Factors:
 
     def update(self, moduli: Any) -> None:
         """Assemble and factorise; FactorisationError if the direct solver gives up."""
-        self._stiffness.values(moduli, self._stiffness.entries(self._matrix))
+        self._stiffness.values(moduli, self._entries)
         self.moduli = moduli
-        self.back_substitutions = 0
         self._factorise()
+
+    @property
+    def _entries(self) -> np.ndarray:
+        """View of the blocks of the tangent."""
+        return self._stiffness.entries(self._matrix)
 
     def _stiffened(self, springs: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """``solve`` with springs of the contact rows, each of which belongs to one node."""
         if self._held is None or not np.array_equal(springs, self._springs):
             R = self._body.contact.matrix
-            added = self._body.added + R.T @ diags(springs) @ R
-            stiffness = self._stiffness.with_added(added.tocsr())
+            stiffness = self._stiffness.with_added((R.T @ diags(springs) @ R).tocsr())
             if self._held is None:
                 self._held = Factors(self._body, self._name, stiffness)
             self._held._stiffness = stiffness
             self._springs = springs
-        self._held.update(self.moduli)
-        return self._held.solve
+        held = self._held
+        held._entries[:] = self._entries
+        held._stiffness.completed(held._entries)
+        held._factorise()
+        return held.solve
 
     def _threads(self) -> AbstractContextManager:
         """NGSolve's threads, for large bodies if cores are free."""
         return threads_of_ngsolve() if self._large else nullcontext()
 
     def _factorise(self) -> None:
+        self.back_substitutions = 0
         try:
             if not self._in_blocks:
                 whole = self._stiffness.whole(self._matrix)
@@ -120,6 +127,7 @@ class Factors:
                 self._in_blocks = False
                 self._factorise()
                 self._left.data = self._inverse * self._right
+                self.back_substitutions = 1
         u = self._answer.reshape(self._free.shape).copy()
         if not np.isfinite(u).all():
             raise FactorisationError(f"{self._name} found a singular tangent")

@@ -89,7 +89,10 @@ class Stiffness(Blocks):
 
     def values(self, data: Any, out: np.ndarray | None = None) -> np.ndarray:
         """The blocks, shape (blocks, N, N), in ``out`` if given."""
-        values = self.summed(data, out)
+        return self.completed(self.summed(data, out))
+
+    def completed(self, values: np.ndarray) -> np.ndarray:
+        """Sums with added and held entries, in place."""
         places, blocks = self._added
         values[places] += blocks
         return self.held(values)

@@ -20,7 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from ngepc.discretisation.points import Points
-from ngepc.evolution.result import Evolution, EvolutionStep, elastic_energy, tensors
+from ngepc.evolution.result import Evolution, EvolutionStep, elastic_energy, strain_at
 from ngepc.results.outcome import Status
 
 log = logging.getLogger(__name__)
@@ -56,7 +56,7 @@ class Difference:
 
     def see(self, step: EvolutionStep) -> None:
         """Update the largest stress and contact force."""
-        strain = tensors(self._points, step.fields.elastic_strain)
+        strain = strain_at(self._points, step.fields.elastic_strain)
         force = np.array(step.record.contact_resultant)
         self._stress = max(self._stress, self._norm(step, strain))
         self._force = max(self._force, float(np.linalg.norm(force)))
@@ -64,8 +64,8 @@ class Difference:
     def __call__(self, fine: EvolutionStep, coarse: EvolutionStep) -> float:
         """The larger relative difference of the stress and of the force of contact."""
         self.see(fine)
-        strain = tensors(self._points, fine.fields.elastic_strain)
-        other_strain = tensors(self._points, coarse.fields.elastic_strain)
+        strain = strain_at(self._points, fine.fields.elastic_strain)
+        other_strain = strain_at(self._points, coarse.fields.elastic_strain)
         of_stress = self._norm(fine, strain - other_strain)
 
         force = np.array(fine.record.contact_resultant)

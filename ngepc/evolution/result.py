@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 
 import numpy as np
-from ngsolve import CoefficientFunction, GridFunction
+from ngsolve import CoefficientFunction, GridFunction, Trace
 
 from ngepc._deprecated import old_names
 from ngepc.discretisation.finer import seen_material, seen_problem
@@ -69,12 +69,14 @@ class StepRecord:
         gained = points.at(fields.plastic_increment)
         plastic = before.arrays["plastic_strain"] + gained
         if isinstance(result, ExactResult):
-            lost = result.discrete.law.lost(result.state.at)
+            state = result.state
+            lost = result.discrete.law.lost(state.at)
+            elastic = np.column_stack([state.volume, state.deviator - plastic])
         else:
             beta = seen_problem(problem, points).beta
             lost = points.at(beta) * np.linalg.norm(gained, axis=1)
+            elastic = strain_at(points, fields.elastic_strain)
         size = np.linalg.norm(plastic, axis=1)
-        elastic = tensors(points, fields.elastic_strain)
         vectors = ("contact_resultant", "reaction", "applied_force")
         return cls(
             **{name: getattr(result, name).tolist() for name in vectors},
@@ -103,19 +105,18 @@ def largest_at_contact(result: Result) -> dict[str, float]:
     }
 
 
-def tensors(points: Points, value: CoefficientFunction) -> np.ndarray:
-    """A tensor at the points, shape (points, size, size)."""
-    size = points.kinematics.size
-    return points.at(value).reshape(-1, size, size)
+def strain_at(points: Points, strain: CoefficientFunction) -> np.ndarray:
+    """Tr e and the coordinates of dev e of a strain e at the points, shape (points, 1 + d)."""
+    return np.column_stack([points.at(Trace(strain)), points.coordinates(strain)])
 
 
 def elastic_energy(points: Points, material: Material, e: np.ndarray) -> float:
-    """1/2 int C e : e = int lambda/2 (tr e)^2 + mu e : e of strains (points, size, size)."""
+    """1/2 int C e : e = int lambda/2 (tr e)^2 + mu e : e, with e as of ``strain_at``."""
     material = seen_material(material, points)
-    trace = np.trace(e, axis1=1, axis2=2)
-    shear = (e**2).sum(axis=(1, 2))
+    trace = e[:, 0]
+    squares = trace**2 / points.kinematics.size + (e[:, 1:] ** 2).sum(axis=1)
     density = points.at(material.lame_lambda) * trace**2 / 2
-    return points.integral(density + points.at(material.lame_mu) * shear)
+    return points.integral(density + points.at(material.lame_mu) * squares)
 
 
 @dataclass(frozen=True, eq=False)

@@ -133,19 +133,19 @@ def solve_by_secants(
         rounding = slack * (1 if number else FIRST)
         if exact and np.abs(predicted).max(initial=0.0) <= rounding:
             return np.where(forces + change == 0, 0.0, forces), parts
-        A = None
-        if exact and response is not None:
-            A = response(compliance, gaps + predicted, forces + change)
         answer = product(change)
+        if not np.isfinite(answer).all():
+            return None
+        expected = gaps + predicted
         gaps = gaps + answer
         forces = forces + change
         parts = np.append(parts, 1.0)
-        if not np.isfinite(answer).all():
-            return None
-        compliance.learn_anyway(change, answer)
         # the rounding error of the product stays in the gaps
         slack = max(slack, ROUNDING * float(np.abs(answer).max()))
-        if A is not None:
+        compliance.learn_anyway(change, answer)
+        off = np.abs(gaps - expected).max(initial=0.0)
+        if response is not None and exact and off > slack:
+            A = response(compliance, expected, forces)
             more = in_same_state(A, product, compliance, gaps, slack)
             gaps = gaps + more.parts @ more.answers
             forces = forces + more.parts @ more.forces
@@ -187,15 +187,16 @@ def in_same_state(
             shares = images @ image
             triangle[:k, k] += shares
             image = image - shares @ images
+        forces = np.vstack([forces, d])
+        answers = np.vstack([answers, answer])
         size = np.linalg.norm(image)
         if not size > 0:
             break
         triangle[k, k] = size
-        forces = np.vstack([forces, d])
-        answers = np.vstack([answers, answer])
         images = np.vstack([images, image / size])
         rest = rest - (images[k] @ rest) * images[k]
         W.learn_anyway(d, answer)
-    k = len(forces)
-    parts = np.linalg.solve(triangle[:k, :k], images @ right)
+    k = len(images)
+    parts = np.zeros(len(forces))
+    parts[:k] = np.linalg.solve(triangle[:k, :k], images @ right)
     return Combination(parts, forces, answers)
