@@ -11,8 +11,8 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import (
-    is_number,
     Coefficient,
+    is_number,
     require_components,
     require_integer,
     require_number,

@@ -102,8 +102,8 @@ SmallProblem = Callable[[Compliance, np.ndarray, np.ndarray], tuple[np.ndarray, 
 """(W, gaps, forces) -> the change of the forces that meets the conditions, whether to rounding."""
 
 Response = Callable[[Compliance, np.ndarray, np.ndarray], np.ndarray]
-"""(W, gaps, forces), which meet the conditions -> A (n, n): they go on to do so with forces less A g
-if the gaps grow by g and no row changes its state."""
+"""(W, gaps, forces) that meet the conditions -> A (n, n): they still do with forces less A g if the
+gaps grow by g and no row changes its state."""
 
 Product = Callable[[np.ndarray], np.ndarray]
 
@@ -119,11 +119,11 @@ def solve_by_secants(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Forces that meet the conditions of contact with the gaps they cause, from those given (n,).
 
-    ``product`` maps d to S d.  Parts of the forces d that it is called with are the change of the
-    forces: these parts are the second array.  Changes of the gaps below ``slack`` (length) need no
-    further product; the first one is made unless it is rounding, so that none of several calls
-    leaves the gaps as they were.  ``response`` is used between small problems to go on in the same
-    state.  None if a number became NaN or infinite or rows are dependent.
+    ``product`` maps d to S d.  The second array has the parts of all d that it was called with;
+    these parts add up to the change of the forces.  Changes of the gaps below ``slack`` (length)
+    need no further product; the first one is made unless it is rounding, so that none of several
+    calls leaves the gaps as they were.  With ``response`` there are few small problems.  None if a
+    number became NaN or infinite or rows are dependent.
     """
     compliance.restart()
     parts = np.zeros(0)
@@ -134,24 +134,21 @@ def solve_by_secants(
         if exact and np.abs(predicted).max(initial=0.0) <= rounding:
             return np.where(forces + change == 0, 0.0, forces), parts
         answer = product(change)
-        if not np.isfinite(answer).all():
-            return None
-        expected = gaps + predicted
+        compliance.learn_anyway(change, answer)
         gaps = gaps + answer
         forces = forces + change
         parts = np.append(parts, 1.0)
         # the rounding error of the product stays in the gaps
         slack = max(slack, ROUNDING * float(np.abs(answer).max()))
-        compliance.learn_anyway(change, answer)
-        off = np.abs(gaps - expected).max(initial=0.0)
-        if response is not None and exact and off > slack:
-            A = response(compliance, expected, forces)
+        off = answer - predicted
+        if response is not None and exact and np.abs(off).max(initial=0.0) > slack:
+            A = response(compliance, gaps - off, forces)
             more = in_same_state(A, product, compliance, gaps, slack)
             gaps = gaps + more.parts @ more.answers
             forces = forces + more.parts @ more.forces
             parts = np.append(parts, more.parts)
-            if not np.isfinite(gaps).all():
-                return None
+        if not np.isfinite(gaps).all():
+            return None
     return None
 
 
