@@ -9,10 +9,13 @@ import numpy as np
 from ngepc.discretisation.body import Iterate
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import STARTS
-from ngepc.linalg.secants import Compliance, solve_by_secants
+from ngepc.linalg.secants import LEFT, Compliance, solve_by_secants
 
 ROUNDING = 3e-14
 """Gaps of closed rows below this fraction of the displacements are zero."""
+
+TURNING = 0.1
+"""As ``LEFT`` where slip may turn, so that the conditions of a state are not quite linear."""
 
 BESIDE = 1e-3  # distance from a kink at which the slope of friction is taken, as a part of the step
 
@@ -79,7 +82,8 @@ def with_contact(
     given = gaps, here.contact, slack
     # small problems between bounds cost less than the response
     response = None if law.is_box else law.response
-    found = solve_by_secants(law, product, compliance, *given, response)
+    left = TURNING if law.d > 1 else LEFT
+    found = solve_by_secants(law, product, compliance, *given, response, left)
     if found is None:
         raise FactorisationError(UNSOLVABLE[law.d > 0])
     forces, parts = found

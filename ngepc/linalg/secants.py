@@ -116,14 +116,16 @@ def solve_by_secants(
     forces: np.ndarray,
     slack: float,
     response: Response | None = None,
+    left: float = LEFT,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Forces that meet the conditions of contact with the gaps they cause, from those given (n,).
 
     ``product`` maps d to S d.  The second array has the parts of all d that it was called with;
     these parts add up to the change of the forces.  Changes of the gaps below ``slack`` (length)
     need no further product; the first one is made unless it is rounding, so that none of several
-    calls leaves the gaps as they were.  With ``response`` there are few small problems.  None if a
-    number became NaN or infinite or rows are dependent.
+    calls leaves the gaps as they were.  With ``response`` there are few small problems: between
+    them minimal residuals go on to a part ``left`` of the residual.  None if a number became NaN or
+    infinite or rows are dependent.
     """
     compliance.restart()
     parts = np.zeros(0)
@@ -143,7 +145,7 @@ def solve_by_secants(
         off = answer - predicted
         if response is not None and exact and np.abs(off).max(initial=0.0) > slack:
             A = response(compliance, gaps - off, forces)
-            more = in_same_state(A, product, compliance, gaps, slack)
+            more = in_same_state(A, product, compliance, gaps, slack, left)
             gaps = gaps + more.parts @ more.answers
             forces = forces + more.parts @ more.forces
             parts = np.append(parts, more.parts)
@@ -161,15 +163,21 @@ class Combination(NamedTuple):
 
 
 def in_same_state(
-    A: np.ndarray, product: Product, W: Compliance, gaps: np.ndarray, slack: float
+    A: np.ndarray,
+    product: Product,
+    W: Compliance,
+    gaps: np.ndarray,
+    slack: float,
+    left: float,
 ) -> Combination:
     """The change d of the forces with A (gaps + S d) = 0, by minimal residuals; W learns S.
 
-    It ends where W times the residual, a length, is below ``slack`` or ``LEFT`` of what it was.
+    It ends where W times the residual, a length, is below ``slack`` or a part ``left`` of that at
+    the beginning.
     """
     right = -A @ gaps
     rest = right
-    enough = max(slack, LEFT * np.abs(W @ rest).max(initial=0.0))
+    enough = max(slack, left * np.abs(W @ rest).max(initial=0.0))
     forces = np.zeros((0, len(gaps)))
     answers = forces
     images = forces  # A S times the forces, made orthonormal
