@@ -145,6 +145,44 @@ def test_what_pytorch_is_given(monkeypatch):
     np.testing.assert_allclose(backward(3.0), 6.0 * POINT, rtol=1e-15)
 
 
+def test_what_jax_is_given(monkeypatch):
+    """A number and its slope, in the precision of the parameters; JAX itself stays away."""
+
+    class Differentiated:
+        """Keeps what ``defvjp`` is given."""
+
+        def __init__(self, function):
+            self.function = function
+
+        def __call__(self, theta):
+            return self.function(theta)
+
+        def defvjp(self, forward, backward):
+            self.forward = forward
+            self.backward = backward
+
+    def pure_callback(call, shapes, theta):
+        found = call(theta)
+        for number, shape in zip(found, shapes, strict=True):
+            assert (number.shape, number.dtype) == (shape.shape, shape.dtype)
+        return found
+
+    def shape(shape, dtype):
+        return SimpleNamespace(shape=shape, dtype=dtype)
+
+    jax = SimpleNamespace(
+        custom_vjp=Differentiated, pure_callback=pure_callback, ShapeDtypeStruct=shape
+    )
+    monkeypatch.setitem(sys.modules, "jax", jax)
+    function = jax_function(Square())
+    for theta in (POINT, POINT.astype(np.float32)):
+        assert function(theta) == pytest.approx(theta @ theta, rel=1e-6)
+        value, kept = function.forward(theta)
+        assert value == pytest.approx(theta @ theta, rel=1e-6)
+        (slope,) = function.backward(kept, theta.dtype.type(3.0))
+        np.testing.assert_allclose(slope, 6 * theta, rtol=1e-6)
+
+
 STEEL = {"young": 200e3, "poisson": 0.3}
 CURVE = [(0.001, 200.0), (0.002, 300.0), (0.005, 380.0)]
 METALS = {

@@ -7,11 +7,14 @@ import subprocess
 import sys
 import time
 from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from ngepc import Material, Problem, Refinement, solve_to
 from ngepc.__main__ import main, parsed
+from ngepc.cli import work
 from ngepc.cli.commands import COMMANDS, EXAMPLES
 from ngepc.geometries import block
 from ngepc.results.records import FIELDS
@@ -84,6 +87,7 @@ def test_limit_loads_by_the_command_line(tmp_path, capsys):
     record = json.loads(capsys.readouterr().out)
     assert record["lower"] == pytest.approx(20 / 3**0.5, rel=1e-6)
     assert record["growing"] == ["contact"]
+    assert 0 < record["wall_time_s"] < 300
     assert main(["limit", "bree-hot", "--json", "-", "--quiet"]) == 0
     cycles = json.loads(capsys.readouterr().out)
     assert cycles["guaranteed"]
@@ -268,6 +272,7 @@ def test_figures_are_written(tmp_path, capsys):
         (["solve", "lshape", "--gama", "3"], "see ngepc solve --help"),
         (["study", "duality", "--levels", "1"], "see ngepc study duality --help"),
         (["study", "table1", "--levels", "7"], "1 to 6"),
+        ([], "COMMAND"),
         (["study", "table1", "--rows", "1e7"], "1e0"),
     ],
 )
@@ -437,8 +442,26 @@ def test_ctrl_c_without_a_file_says_what_to_do_next_time(monkeypatch, capsys):
     assert err.count("\n") == 1
 
 
+@pytest.mark.parametrize("asked", [{"goal": "work"}, {"error": 0.1}])
+def test_a_goal_or_an_error_refines_the_mesh(asked, monkeypatch):
+    monkeypatch.setattr(work, "_refined", lambda args, problem: ("result", "bound"))
+    given = {
+        "problem": "lshape",
+        "nodes": 113,
+        "maxh": None,
+        "goal": None,
+        "error": None,
+    }
+    result, seconds, bound = work._solution(SimpleNamespace(**given | asked))
+    assert (result, bound) == ("result", "bound")
+    assert 0 <= seconds < 10
+
+
 def test_notebooks_come_without_solutions_unless_asked(tmp_path, capsys):
     assert main(["notebooks", str(tmp_path / "a")]) == 0
+    first = capsys.readouterr().out.splitlines()[-1].rpartition("jupyter lab ")[2]
+    assert Path(first).is_relative_to(tmp_path / "a")
+    assert Path(first).is_file()
     assert not (tmp_path / "a" / "solutions").exists()
     assert list((tmp_path / "a" / "exercises").glob("*.ipynb"))
     assert main(["notebooks", str(tmp_path / "b"), "--solutions"]) == 0

@@ -64,6 +64,10 @@ def test_the_residual_stress_of_a_heated_plate():
     values = axes.collections[0].get_array()
     assert values.max() == pytest.approx(1.0, rel=1e-3)
     assert axes.collections[0].get_clim()[0] == 0
+    drawn = np.concatenate([line.get_xydata() for line in axes.lines])
+    corners = np.array([v.point for v in plate.problem.mesh.vertices])
+    np.testing.assert_allclose(drawn.min(axis=0), corners.min(axis=0))
+    np.testing.assert_allclose(drawn.max(axis=0), corners.max(axis=0))
     with pytest.raises(TypeError, match="limit=3: the result of shakedown_load"):
         plot_residual_stress(3)
 

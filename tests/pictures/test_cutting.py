@@ -93,6 +93,10 @@ def test_one_of_two_bodies_and_its_inner_face():
     drawn = part_of(fields, result.contact_pressure, None, Part(boundary="over"))
     assert drawn.values.mean() == pytest.approx(0.5, rel=1e-6)
     assert drawn.measures.sum() == pytest.approx(1.0)
+    part = Part(boundary="over", cut=((0.25, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    beside = part_of(fields, result.contact_pressure, CF(7.0), part)
+    assert beside.measures.sum() == pytest.approx(0.25)
+    assert beside.values.max() < 1.0
 
 
 @pytest.mark.parametrize("part", [{"boundary": "under"}, {"body": "lower"}])

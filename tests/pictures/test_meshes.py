@@ -3,12 +3,19 @@
 import numpy as np
 import pytest
 from browser import Browser, chromium
+from netgen.occ import Glue, OCCGeometry, Rectangle
+from ngsolve import Mesh
 from solved import two_blocks
 
 from ngepc import lshape_problem, show
 from ngepc.geometries import lshape
 from ngepc.pictures import plot_mesh, views
-from ngepc.pictures.meshes import boundary_colours, boundary_labels
+from ngepc.pictures.meshes import (
+    _sets,
+    boundary_colours,
+    boundary_labels,
+    legend_of_names,
+)
 
 
 def legend_of(figure):
@@ -67,3 +74,32 @@ def test_pages_name_boundaries(solid, tmp_path):
         assert (np.ptp(tab.pixels(), axis=2) > 0.02).mean() > 0.005
         assert seen.errors == []
         assert seen.requests == []
+
+
+def test_numbers_have_their_colours():
+    colours = {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "c": (0.0, 0.0, 1.0)}
+    mapped = _sets(None, colours)[1]
+    for number, colour in enumerate(colours.values()):
+        assert mapped.to_rgba(float(number))[:3] == colour
+
+
+def test_legends_name_the_bodies_of_a_plane_mesh():
+    """Those of several; in space the colours are those of the surface."""
+    plane = Mesh(
+        OCCGeometry(
+            Glue(
+                [
+                    Rectangle(1, 1).Face().Move((0, 0, 0)),
+                    Rectangle(1, 1).Face().Move((1, 0, 0)),
+                ]
+            ),
+            dim=2,
+        ).GenerateMesh(maxh=1.0)
+    )
+    plane.ngmesh.SetMaterial(1, "copper")
+    plane.ngmesh.SetMaterial(2, "tin")
+    legend = legend_of_names(plane)
+    assert "copper" in legend
+    assert "tin" in legend
+    solid = legend_of_names(two_blocks().problem.mesh)
+    assert "upper" not in solid

@@ -30,6 +30,7 @@ from ngepc.pictures import (
     plot_mesh,
     plot_plastic_zone,
 )
+from ngepc.pictures.course import QUIZZES
 from ngepc.pictures.curves import arc_lengths, pressure_curves
 from ngepc.pictures.drawable import KINDS, UnitNames, drawable
 from ngepc.pictures.monitors import live_plot_monitor
@@ -381,6 +382,8 @@ def test_vectors_and_matrices_are_drawn_by_their_norms():
     )
     component = drawable(result, "stress_xy").coefficient
     assert Integrate((component - sigma[0, 1]) ** 2, mesh) == 0.0
+    labels = [drawable(result, name).label for name in ("stress", "displacement")]
+    assert ["|_F$" in label for label in labels] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -524,3 +527,32 @@ def test_words_stay_inside_wide_low_pictures_and_those_of_monitors(monkeypatch):
     assert [beyond(figure) for figure in drawn] == [[], [], []]
     narrow = plot_field(flat, CF(x), title="words " * 99)
     assert beyond(narrow), "the measure can fail"
+
+
+def test_quizzes_are_there():
+    assert QUIZZES.is_file()
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e9])
+def test_arc_lengths_in_all_units(size):
+    """Two pieces of a line apart from each other, and a point twice."""
+    points = size * np.array([(0, 0), (1, 0), (3, 0), (5, 0), (6, 0)], dtype=float)
+    segments = np.stack([points[[0, 1, 3]], points[[1, 2, 4]]], axis=1)
+    s, curves = arc_lengths(segments)
+    assert curves[0] == curves[1] != curves[2]
+    np.testing.assert_allclose(np.ptp(s[:2]), 3 * size)
+    assert not arc_lengths(np.zeros((1, 2, 2)))[0].any()
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-3])
+def test_figures_of_plane_bodies_have_their_shape_in_all_units(length):
+    """Twice as wide as high, and about 6 inches wide."""
+    mesh = block.structured_mesh(2, 2, size=(2 * length, length), simplices=True)
+    metal = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.0, hardening=9.0
+    )
+    traction = {"right": (1e-6, 0.0)}
+    result = semismooth_newton(Problem(mesh, metal, traction=traction, order=1))
+    width, height = plot_field(result, "stress").get_size_inches()
+    assert 6.0 < width < 9.0
+    assert 2.5 < height < width

@@ -1,6 +1,7 @@
 """Derivatives with laws of hardening, one of one's own among them, and with initial strains."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,8 +24,9 @@ from ngepc.geometries import block
 from ngepc.model.hardening import HardeningLaw
 from ngepc.sensitivity.calibration import Curve, calibrate
 from ngepc.sensitivity.functionals import as_functional
-from ngepc.sensitivity.gradient import gradient, states_of
+from ngepc.sensitivity.gradient import gradient, require_one_material, states_of
 from ngepc.sensitivity.law_data import PartDatum
+from ngepc.sensitivity.law_equations import equations_of_law
 from ngepc.sensitivity.parameters import STENCIL, Direction
 from ngepc.sensitivity.tangent import tangent
 
@@ -322,3 +324,51 @@ def test_derivatives_by_numbers_of_a_data_sheet(kind):
     steps = 1e-4 * np.diag(data)
     central = [(sag(data + h) - sag(data - h)) / (2 * h.sum()) for h in steps]
     assert abs(found / central - 1).max() < 1e-5
+
+
+@pytest.mark.parametrize("name", ["Hill", "Voce"])
+def test_each_equation_of_a_law_has_its_transpose(name):
+    """<w, B v> = <B' w, v> for all pairs of products in the equations."""
+    metals = {
+        "Hill": replace(
+            Material.kinematic(**ELASTIC, yield_stress=1.5, hardening=30.0),
+            hill=Hill.r_values(1.8, 1.1, 2.3),
+        ),
+        "Voce": Material.with_law(**ELASTIC, law=Voce(1.5, 2.0, 40.0), hardening=30.0),
+    }
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    load = {"right": (0.01, 0.0)}
+    problem = Problem(mesh, metals[name], "left", prescribed=load, order=1)
+    state = semismooth_newton(problem).state
+    assert state.at.yields.any()
+    random = np.random.default_rng(0)
+    count, d = state.discrete.law.back.shape
+    pairs = [e for e in equations_of_law(state) if isinstance(e[2], tuple)]
+    assert pairs
+    for _, of, (product, transposed) in pairs:
+        v = random.normal(size=(count, d, d) if of == "form" else (count, d))
+        try:
+            there = product(v)
+        except ValueError:  # of a number at each point
+            there = product(random.normal(size=count))
+        w = random.normal(size=there.shape)
+        back = transposed(w)
+        v = random.normal(size=back.shape)
+        there = product(v)
+        assert np.vdot(w, there) == pytest.approx(
+            np.vdot(back, v), rel=1e-10, abs=1e-12
+        )
+
+
+def test_the_step_whose_material_differs_is_named():
+    metals = [
+        Material.kinematic(**ELASTIC, yield_stress=s, hardening=9.0) for s in (1, 1, 2)
+    ]
+    steps = [
+        SimpleNamespace(problem=SimpleNamespace(material=metal)) for metal in metals
+    ]
+    points = SimpleNamespace(at=lambda value: value)
+    memory = SimpleNamespace(functions=SimpleNamespace(points=points))
+    require_one_material(SimpleNamespace(memory=memory, steps=steps[:2]))
+    with pytest.raises(ValueError, match="material of step 3 is"):
+        require_one_material(SimpleNamespace(memory=memory, steps=steps))

@@ -1,13 +1,15 @@
 """The study of accuracy: decks that CalculiX solves as we do, and times read off between meshes."""
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from ngsolve import Integrate
 from ngsolve.meshes import MakeStructured2DMesh, MakeStructured3DMesh
 
-from ngepc.studies import by_getfem, calculix
+from ngepc.studies import accuracy, by_getfem, calculix
 from ngepc.studies.accuracy import (
     Accuracy,
     by_calculix,
@@ -19,7 +21,7 @@ from ngepc.studies.accuracy import (
     time_to,
 )
 from ngepc.studies.accuracy_cases import CASES, beam
-from ngepc.studies.accuracy_decks import deck_of
+from ngepc.studies.accuracy_decks import curve_of, deck_of, rigid_layer, surface_of
 from ngepc.studies.calculix import CORNER_EDGES, FACES, QuadraticMesh
 
 needs_ccx = pytest.mark.skipif(not calculix.available(), reason="ccx is not installed")
@@ -160,3 +162,77 @@ def test_without_other_programs_their_rows_are_left_out(tmp_path, monkeypatch):
     programs = {cell["program"] for cell in Accuracy(tmp_path).cells()}
     own = {"default", "order 1", "order 2, direct", "order 2, PyAMG"}
     assert programs == own | {"default, bricks"}
+
+
+def test_errors_are_sizes(tmp_path, monkeypatch):
+    """Of values below and above the reference; a level that failed is left out."""
+    found = iter([1.8, None, 2.1, 1.98])
+
+    def run(solve):
+        return {"value": next(found), "cpu": 2.0, "iterations": 7}
+
+    monkeypatch.setattr(accuracy, "fastest", run)
+    monkeypatch.setattr(accuracy, "reference", lambda case: 2.0)
+    data = SimpleNamespace(levels=(4, 4))
+    monkeypatch.setattr(accuracy, "CASES", {"it": data})
+    record = Accuracy(tmp_path, levels=4).solve("it", "default")
+    assert record["errors"] == pytest.approx([0.1, 0.05, 0.01])
+    assert record["finest"] == pytest.approx(1.0)
+    assert (record["failed"], record["steps_there"]) == (1, 7)
+
+
+def test_two_ratios_are_written_for_each_case(tmp_path):
+    """Beside CalculiX, and beside the best choice of ours, at 5 and 1 percent."""
+
+    def record(program, cpu):
+        both = {"errors": [0.2, 0.04, 0.009], "cpu": [cpu, 2 * cpu, 4 * cpu]}
+        return {"case": "it", "program": program, **both}
+
+    programs = [("default", 2.0), ("ccx", 8.0), (accuracy.CHOICES[0], 1.0)]
+    lines = Accuracy(tmp_path).notes([record(*one) for one in programs])
+    (line,) = [one for one in lines if one.startswith("| it |")]
+    assert line == "| it | 0.25 | 0.25 | 2.00 | 2.00 |"
+
+
+def layer_of(case):
+    """How thick the layer of stiff elements of a case is at its thinnest place."""
+    heights = []
+
+    def mesh(points, elements, name, group):
+        below, above = np.split(points, 2)
+        assert (below[:, :-1] == above[:, :-1]).all()
+        heights.append((above - below)[:, -1].min())
+        return 0
+
+    calls = ("node_set", "surface", "material", "section", "add")
+    deck = SimpleNamespace(elements=0, mesh=mesh, **{n: lambda *_: None for n in calls})
+    N = 3 if case.rigid.axis == 0 else 2
+    body = SimpleNamespace(points=np.zeros((1, N)), faces_on=lambda name: [])
+    rigid_layer(case, body, deck)
+    return heights[0]
+
+
+def test_rigid_layers_are_solid():
+    """Segments and faces that follow one another, and a layer a tenth of their span thick."""
+    for case in CASES.values():
+        if case.rigid is None:
+            continue
+        rigid = replace(case.rigid, cells=3)
+        low, high = rigid.span
+        points, ends = curve_of(rigid)
+        assert points[:, 0] == pytest.approx(np.linspace(low, high, 4))
+        assert ends.tolist() == [[0, 1], [1, 2], [2, 3]]
+        assert layer_of(replace(case, rigid=rigid)) == pytest.approx(0.1 * (high - low))
+
+
+def test_faces_of_a_rigid_sphere():
+    """They cover the square below it, counted round about."""
+    spheres = [case.rigid for case in CASES.values() if case.rigid]
+    (rigid,) = {one for one in spheres if one.axis == 0}
+    rigid = replace(rigid, cells=3)
+    low, high = rigid.span
+    points, corners = surface_of(rigid)
+    x, y = points[corners][..., :2].transpose(2, 0, 1)
+    areas = (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1) / 2
+    assert areas == pytest.approx(9 * [((high - low) / 3) ** 2])
+    assert points[0, :2] == pytest.approx([low, low])

@@ -13,7 +13,14 @@ from solved import lshape_dual
 
 from ngepc import PyAMG, lshape_problem
 from ngepc.geometries import block, lshape
-from ngepc.studies import contact_problems, counts, material_problems, paths, threads
+from ngepc.studies import (
+    contact_problems,
+    counts,
+    material_problems,
+    overlap,
+    paths,
+    threads,
+)
 from ngepc.studies.convergence import convergence_quotients
 from ngepc.studies.large import solved_in_a_row
 from ngepc.studies.locking import cantilever, cook, punch
@@ -76,6 +83,27 @@ def test_bree_s_cylinder_is_heated_and_cooled(monkeypatch):
         outside = strain(problem.mesh(radius + 1.0, 0.01))
         assert inside == pytest.approx(share * stress, abs=1e-12)
         assert outside == pytest.approx(-share * stress, abs=1e-12)
+
+
+def test_what_is_lost_in_bree_s_cylinder(monkeypatch):
+    """The last cycle's growth over R/E, and its dissipation over R^2/E and the volume."""
+    radius, low = material_problems.RADIUS, material_problems.LOW
+    steps = [
+        SimpleNamespace(
+            fields=SimpleNamespace(displacement=lambda place, k=k: (0.5 * k, 0.0)),
+            solution="the last one",
+        )
+        for k in range(16)
+    ]
+    run = SimpleNamespace(steps=steps, column=lambda name: np.arange(16.0))
+    run.raise_for_status = lambda: run
+    monkeypatch.setattr(material_problems, "evolve", lambda *_: run)
+    growth, lost, last = material_problems.bree_cycles(0.5, 3.0)
+    unit = material_problems.YIELD / material_problems.E
+    assert growth == pytest.approx(2.0 / (radius + 0.5) / unit)
+    volume = np.pi * ((radius + 1) ** 2 - radius**2) * low
+    assert lost == pytest.approx(54.0 / volume / unit / material_problems.YIELD)
+    assert last == "the last one"
 
 
 def test_a_ring_that_yields_as_a_whole():
@@ -210,3 +238,30 @@ def test_times_of_threads_are_those_of_the_solve(monkeypatch):
     found = threads.solved_by_threads("small", 1)
     assert found["status"] == "converged"
     assert (found["wall_s"], found["cpu_s"]) == (2, 1)
+
+
+def test_masing_s_loop_is_that_of_the_curve():
+    """All numbers of the bar agree with the curve twice as large."""
+    for quantity in material_problems.masing()[1]:
+        assert quantity.ours == pytest.approx(quantity.reference, rel=1e-6)
+
+
+def test_hardening_of_blocks_is_a_multiple_of_mu():
+    for body in ("tetrahedra", "hexahedra"):
+        nodes = min(counts.BLOCKS[body])
+        problem = counts.problem_of(body, nodes, 1e-3)
+        assert problem.material.hardening == 1e-3 * problem.material.lame_mu
+
+
+def test_the_quarter_of_a_block_is_fine_below_the_sphere():
+    """A box 0.5 x 0.5 x 1, with the smallest cell at (0, 0, 1)."""
+    for hexahedra in (True, False):
+        mesh = overlap.graded_quarter(2, hexahedra=hexahedra)
+        points = np.array([v.point for v in mesh.vertices])
+        np.testing.assert_allclose(points.min(axis=0), 0.0, atol=1e-14)
+        np.testing.assert_allclose(points.max(axis=0), [0.5, 0.5, 1.0])
+        assert Integrate(1.0, mesh) == pytest.approx(0.25)
+        steps = np.diff(np.unique(points[:, 2].round(12)))
+        assert (np.diff(steps) < 0).all()
+        across = np.diff(np.unique(points[:, 0].round(12)))
+        assert (np.diff(across) > 0).all()
