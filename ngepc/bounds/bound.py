@@ -28,7 +28,6 @@ from ngepc.bounds.coverage import CONSTANT, check_covered, is_bilinear
 from ngepc.bounds.data import (
     BoundData,
     balanced_stress,
-    factorise,
     feasible_state,
     spring_energy,
     strain_coordinates,
@@ -380,7 +379,6 @@ def bound_on_copy(result: ExactResult) -> ErrorBound | None:
         return None
     bound_data, carried, state, moved, parents = found
     tangent = Factors(state.discrete, "sparsecholesky")
-    factorise(state, tangent)
     own = result.state.with_radial_return()
     if result.problem.order == 1 and not result.problem.contact_pairs:
         balanced = balanced_by_copy(own, discrete_forces(own), state, tangent, parents)

@@ -12,7 +12,13 @@ from ngsolve import Mesh
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets
-from ngepc.bounds.data import spring_energy, stress_change, stress_coordinates
+from ngepc.bounds.data import (
+    BALANCED,
+    factorise,
+    spring_energy,
+    stress_change,
+    stress_coordinates,
+)
 from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.transfer import (
     carried_state,
@@ -94,13 +100,18 @@ def balanced_by_copy(
 ) -> tuple[np.ndarray, float]:
     """A stress (cells, c) near that of a state of order one, in equilibrium with nodal forces.
 
-    The factors of the mesh itself are not needed: ``tangent`` is that on the copy.  There the
-    residual acts on the same vertices, which have the same numbers.  Functions on the mesh are
-    functions on the copy, too, and their strains are constant on its cells, so that the mean over
-    the children of a cell does the same work.  The second result is the energy of the springs in
-    the change of the displacement.
+    The factors of the mesh itself are not needed: ``tangent`` is that on the copy, factorised
+    unless the forces are in equilibrium already.  There the residual acts on the same vertices,
+    which have the same numbers.  Functions on the mesh are functions on the copy, too, and their
+    strains are constant on its cells, so that the mean over the children of a cell does the same
+    work.  The second result is the energy of the springs in the change of the displacement.
     """
-    missing = np.where(own.discrete.free, forces - own.internal_forces, 0.0)
+    z = stress_coordinates(*own.discrete.law.stress(own.at))
+    internal = own.internal_forces
+    missing = np.where(own.discrete.free, forces - internal, 0.0)
+    if np.abs(missing).max() <= BALANCED * np.abs(internal).max():
+        return z, 0.0
+    factorise(copy, tangent)
     on_copy = np.zeros_like(copy.u)
     on_copy[: len(missing)] = missing
     moved = tangent.solve(on_copy)
@@ -108,7 +119,6 @@ def balanced_by_copy(
     volume = copy.discrete.points.weights
     cells = own.discrete.points.weights
     sums = [np.bincount(parents, volume * part, len(cells)) for part in change.T]
-    z = stress_coordinates(*own.discrete.law.stress(own.at))
     z = z + np.stack(sums, axis=1) / cells[:, None]
     return z, spring_energy(copy.discrete, moved)
 
@@ -123,19 +133,25 @@ def bisected_where_outstanding(
     limit = max(SHARE, TIMES / mesh.ne) * indicators.sum()
     if not (indicators > limit).any():
         return None
-    density = indicators / volumes(mesh)
+    outstanding = indicators > limit
+    density = indicators / volumes(mesh, slice(None))
     finer, number = copied(mesh)
+    parents = parents_in(number)
     for _ in range(MOST_PASSES):
-        chosen = density[parents_in(number)] * volumes(finer) > limit
-        if not chosen.any():
+        there = np.flatnonzero(outstanding[parents])
+        large = density[parents[there]] * volumes(finer, there) > limit
+        if not large.any():
             break
+        chosen = np.zeros(finer.ne, dtype=bool)
+        chosen[there[large]] = True
         finer.SetRefinementFlags(chosen.tolist())
         finer.Refine()
-    return finer, parents_in(number)
+        parents = parents_in(number)
+    return finer, parents
 
 
-def volumes(mesh: Mesh) -> np.ndarray:
-    """The areas of the triangles of a mesh."""
-    corners = vertex_coordinates(mesh)[element_nodes(mesh)[:, :3]]
+def volumes(mesh: Mesh, chosen: np.ndarray | slice) -> np.ndarray:
+    """The areas of some triangles of a mesh."""
+    corners = vertex_coordinates(mesh)[element_nodes(mesh)[chosen, :3]]
     sides = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
     return np.abs(determinants(sides)) / 2

@@ -23,6 +23,7 @@ from ngepc.bounds.densities import AT_CORNERS, missed
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches
 from ngepc.bounds.foundation import Foundation
+from ngepc.bounds.nearby import strain_nearby
 from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.bounds.polynomials import AT_POINTS, TO_NODES, portions
 from ngepc.bounds.simplices import Simplices, by_cells
@@ -292,6 +293,12 @@ def balanced_stress(
         allowed = BALANCED * np.abs(forces).max()
         if np.abs(missing).max() <= allowed:
             break
+        if tangent.moduli is None and not floating.centres:
+            strain = strain_nearby(state, missing, allowed)
+            if strain is not None:
+                change = state.moduli.stress(strain[:, 0], strain[:, 1:])
+                z = z + stress_coordinates(*change)
+                break
         factorise(state, tangent)
         if floating.centres:
             change = without_weak_springs(discrete, tangent, missing)

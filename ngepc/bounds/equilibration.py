@@ -24,6 +24,25 @@ ROUNDING = 1e-13
 """Residual, relative to the largest moment, above which another pass is made."""
 
 PASSES = 2
+ENCODED = 8
+"""Largest number of corners at a vertex whose Laplacian is encoded in one exact number."""
+
+
+def laplacian_inverses(blocks: np.ndarray) -> np.ndarray:
+    """The inverses (n, k^2) of graph Laplacians (n, k, k), for k up to 8 each different one once.
+
+    Off the diagonal there are zeros and minus ones, on it at most three.
+    """
+    n, k, _ = blocks.shape
+    if k > ENCODED:
+        return np.linalg.inv(blocks).reshape(n, -1)
+    digits = np.zeros((k, k))
+    below = np.tril_indices(k, -1)
+    digits[below] = -(2.0 ** np.arange(len(below[0])))
+    digits[np.diag_indices(k)] = 2.0 ** len(below[0]) * 4.0 ** np.arange(k)
+    numbers = blocks.reshape(n, -1) @ digits.ravel()
+    _, first, same = np.unique(numbers, return_index=True, return_inverse=True)
+    return np.linalg.inv(blocks[first]).reshape(len(first), -1)[same]
 
 
 class Patches:
@@ -87,9 +106,7 @@ class Patches:
         entries[rows[a] + place[b]] = entries[rows[b] + place[a]] = -1.0
         for k in np.unique(size):
             block = rows[self._first[size == k]][:, None] + np.arange(k * k)
-            entries[block] = np.linalg.inv(entries[block].reshape(-1, k, k)).reshape(
-                -1, k * k
-            )
+            entries[block] = laplacian_inverses(entries[block].reshape(-1, k, k))
         columns = np.arange(rows[-1]) - np.repeat(rows[:-1] - first, width)
         return csr_matrix((entries, columns, rows), 2 * (len(width),))
 

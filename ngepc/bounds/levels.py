@@ -18,6 +18,7 @@ from ngepc.bounds.simplices import Simplices, marked
 from ngepc.discretisation.stiffness import Blocks, pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
 from ngepc.linalg.direct import lower_triangle
+from ngepc.model.elements import inverses
 
 EDGE_STEPS = 3  # steps of Chebyshev's iteration for the unknowns of edges
 LEAST = 0.2  # lower end of its interval of eigenvalues, relative to the upper end
@@ -78,7 +79,7 @@ class TwoLevels(Blocks):
         """Set the stiffness of some triangles; the unknowns of all others are held.
 
         ``blocks`` are those of ``AirySpace.stiffness``, ``forces`` is the product with all
-        unknowns, held ones too.  The direct solver takes all vertices, see ``focused``.
+        unknowns, held ones too.  The solver for them is ``focused``.
         """
         space = self.space
         part = self.space.of(chosen)
@@ -129,7 +130,7 @@ class TwoLevels(Blocks):
         result._others = np.flatnonzero(~chosen & self._there)
         blocks = self.matrix.AsVector().FV().NumPy().reshape(-1, 3, 3)
         diagonal = blocks[self.rows == self.columns][result._others]
-        result._inverse_blocks = DAMPED * np.linalg.inv(diagonal)
+        result._inverse_blocks = DAMPED * inverses(diagonal)
         result._take_modes()
         return result
 

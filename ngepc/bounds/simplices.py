@@ -51,7 +51,7 @@ class Simplices:
         self.nodes[turned, 1:] = self.nodes[turned, :0:-1]
         self.jacobian[turned] = self.jacobian[turned, :, ::-1]
         self.det = np.abs(self.det)
-        self.inverse = inverses(self.jacobian, self.det)
+        self.inverse = inverses(self.jacobian)
         self.volume = self.det / math.factorial(self.N)
         first = -self.inverse.sum(axis=1, keepdims=True)
         self.gradients = np.concatenate([first, self.inverse], axis=1)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from ngsolve import BaseMatrix, BaseVector
 from scipy.sparse import diags
 
 from ngepc.discretisation.body import DiscreteBody, Iterate
@@ -48,20 +50,33 @@ class Factors:
         require_whole(f"inverse={name!r} and all that needs factors", problem.mesh)
         self._body = body
         self._free = body.free
-        self._stiffness = stiffness or body.stiffness
-        self._matrix = self._stiffness.matrix()
+        if stiffness is not None:
+            self._stiffness = stiffness
         self._name = name
         self._inverse = None
         self.back_substitutions = 0
         self._in_blocks = name in FROM_LOWER_TRIANGLE
-        self._right, self._left = (self._matrix.CreateColVector() for _ in range(2))
-        self._forces = self._right.FV().NumPy()
-        self._answer = self._left.FV().NumPy()
         nodal = problem.order == 1 and not problem.contact_pairs
         self.stiffened = self._stiffened if nodal else None
         self._held: Factors | None = None  # with springs of the contact rows
         self._springs: np.ndarray | None = None  # their stiffness
         self._large = int(body.free.sum()) >= LARGE
+
+    @cached_property
+    def _stiffness(self) -> Stiffness:
+        return self._body.stiffness
+
+    @cached_property
+    def _matrix(self) -> BaseMatrix:
+        return self._stiffness.matrix()
+
+    @cached_property
+    def _right(self) -> BaseVector:
+        return self._matrix.CreateColVector()
+
+    @cached_property
+    def _left(self) -> BaseVector:
+        return self._matrix.CreateColVector()
 
     def linearise(self, here: Iterate) -> None:
         """Take the tangent at a state."""
@@ -118,7 +133,7 @@ class Factors:
         FactorisationError if they are not finite.
         """
         self.back_substitutions += 1
-        self._forces[:] = np.where(self._free, forces, 0.0).ravel()
+        self._right.FV().NumPy()[:] = np.where(self._free, forces, 0.0).ravel()
         with self._threads():
             self._left.data = self._inverse * self._right
         if self.back_substitutions == 1 and self._in_blocks:
@@ -128,16 +143,16 @@ class Factors:
                 self._factorise()
                 self._left.data = self._inverse * self._right
                 self.back_substitutions = 1
-        u = self._answer.reshape(self._free.shape).copy()
+        u = self._left.FV().NumPy().reshape(self._free.shape).copy()
         if not np.isfinite(u).all():
             raise FactorisationError(f"{self._name} found a singular tangent")
         return u
 
     def multiply(self, u: np.ndarray) -> np.ndarray:
         """The tangent times displacements that vanish where held, both (nodes, N)."""
-        self._forces[:] = u.ravel()
+        self._right.FV().NumPy()[:] = u.ravel()
         self._left.data = self._matrix * self._right
-        return self._answer.reshape(u.shape).copy()
+        return self._left.FV().NumPy().reshape(u.shape).copy()
 
 
 def tangent_of(

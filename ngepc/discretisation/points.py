@@ -265,9 +265,8 @@ class Points:
         self._mapped = mesh.MapToAllElements(self.rules, mesh.Materials(".*"))
         jacobians = specialcf.JacobianMatrix(mesh.dim)(self._mapped)
         jacobians = jacobians.reshape(-1, mesh.dim, mesh.dim)
-        det = determinants(jacobians)
-        self.weights = np.abs(det) * self.at(kinematics.weight)
-        self.blocks = list(self._blocks(inverses(jacobians, det), mean_volume))
+        self.weights = np.abs(determinants(jacobians)) * self.at(kinematics.weight)
+        self.blocks = list(self._blocks(inverses(jacobians), mean_volume))
 
     def __getstate__(self) -> dict:
         """Everything except the mapped points, which refer to their mesh in memory."""

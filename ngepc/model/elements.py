@@ -99,16 +99,25 @@ def determinants(matrices: np.ndarray) -> np.ndarray:
     return a * d - b * c
 
 
-def inverses(matrices: np.ndarray, det: np.ndarray) -> np.ndarray:
-    """The inverses (n, N, N) of matrices with these determinants."""
-    if matrices.shape[1] != 2:
-        return np.linalg.inv(matrices)
-    result = np.empty_like(matrices)
-    result[:, 0, 0] = matrices[:, 1, 1]
-    result[:, 1, 1] = matrices[:, 0, 0]
-    result[:, 0, 1] = -matrices[:, 0, 1]
-    result[:, 1, 0] = -matrices[:, 1, 0]
-    return result / det[:, None, None]
+def inverses(matrices: np.ndarray) -> np.ndarray:
+    """The inverses (n, N, N) of matrices, for N = 2, 3 without calls for each matrix."""
+    N = matrices.shape[1]
+    if N == 2:
+        (a, b), (c, d) = np.moveaxis(matrices, 0, 2)
+        adjugate = np.array([[d, -b], [-c, a]])
+        return np.moveaxis(adjugate / (a * d - b * c), 2, 0)
+    if N == 3:
+        rows = np.moveaxis(matrices, 0, 2)
+        pairs = ((1, 2), (2, 0), (0, 1))
+        adjugate = np.array([_cross(rows[i], rows[j]) for i, j in pairs])
+        det = np.einsum("in,in->n", rows[0], adjugate[0])
+        return np.moveaxis(adjugate / det, (2, 1), (0, 1))
+    return np.linalg.inv(matrices)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The products of vectors, (3, n) and (3, n) to (3, n)."""
+    return np.array([a[i] * b[j] - a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1))])
 
 
 def edge_ends(mesh: Mesh) -> np.ndarray:

@@ -1,0 +1,99 @@
+"""Nodal forces balanced by stresses on few cells.
+
+The displacement of a result is a function on a bisected copy of its mesh, too.  It is in
+equilibrium with the functions of the mesh itself, so that its residual on the copy belongs to nodes
+of cells that were bisected, and does no work on rigid motions.  Take the cells around these nodes
+as a body of their own, without supports but those of the whole.  It is in equilibrium under the
+residual: with the tangent C there are displacements w of its nodes such that C eps(w) on these
+cells alone has the residual as nodal forces.  No factors for the whole body are needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, diags
+from scipy.sparse.linalg import splu
+
+from ngepc.discretisation.points import Elements, Moduli
+from ngepc.local.system import State
+
+FEW = 0.1
+"""Largest share of the cells that count as few."""
+RINGS = 2
+"""Rings of cells around the nodes with residual forces."""
+WEAK = 1e-8
+"""Springs that hold rigid motions of the cells, relative to the diagonal of their stiffness."""
+PASSES = 10
+"""Most solves until the springs carry no more than rounding errors."""
+
+
+def strain_nearby(
+    state: State, missing: np.ndarray, allowed: float
+) -> np.ndarray | None:
+    """Strains eps(w) (points, 1 + d) on few cells, zero elsewhere, for forces ``missing``.
+
+    The forces have the shape (nodes, N); at most ``allowed`` of each is left.  None where more
+    would be left, and where not few cells have forces.
+    """
+    discrete = state.discrete
+    points = discrete.points
+    if len(points.blocks) > 1:
+        return None
+    block = points.blocks[0]
+    cells = cells_around(block, np.abs(missing).max(axis=1) > allowed)
+    if len(cells) > FEW * len(block.nodes):
+        return None
+    names = ("nodes", "points", "weights", "slopes")
+    part = replace(block, **{name: getattr(block, name)[cells] for name in names})
+    inside = np.zeros_like(discrete.free)
+    inside[part.nodes] = True
+    unknowns = np.flatnonzero(inside & discrete.free)
+    K = stiffness_of(part, state.moduli, inside.shape)[unknowns][:, unknowns]
+    w = np.zeros(missing.shape)
+    w.flat[unknowns] = floating_solution(K, missing.flat[unknowns], allowed)
+    left = np.where(discrete.free, missing, 0.0)
+    left.flat[unknowns] -= K @ w.flat[unknowns]
+    if not np.abs(left).max() <= allowed:
+        return None
+    strain = np.zeros((len(points), len(part.basis)))
+    strain[part.points] = part.strain(w)
+    return strain
+
+
+def cells_around(block: Elements, chosen: np.ndarray) -> np.ndarray:
+    """Numbers of the elements around the chosen nodes, and of rings around these."""
+    there = chosen.copy()
+    for _ in range(1 + RINGS):
+        cells = np.flatnonzero(there[block.nodes].any(axis=1))
+        there[block.nodes[cells]] = True
+    return cells
+
+
+def stiffness_of(part: Elements, moduli: Moduli, shape: tuple[int, int]) -> csr_matrix:
+    """The stiffness of some elements alone, for displacements (nodes, N) of this shape."""
+    N = shape[1]
+    K = part.stiffness(moduli)
+    component = np.arange(N)
+    row = N * part.nodes[None, None, :, :, None] + component[:, None, None, None, None]
+    column = N * part.nodes[None, None, :, None] + component[:, None, None, None]
+    places = [np.broadcast_to(v, K.shape).ravel() for v in (row, column)]
+    size = shape[0] * N
+    return csr_matrix((K.ravel(), places), shape=(size, size))
+
+
+def floating_solution(K: csc_matrix, forces: np.ndarray, allowed: float) -> np.ndarray:
+    """A solution of K x = forces, which do no work where K is zero.
+
+    Weak springs hold the rest; what they carry is given back until no force is above ``allowed``.
+    """
+    springs = WEAK * K.diagonal()
+    factors = splu((K + diags(springs)).tocsc())
+    x = np.zeros_like(forces)
+    for _ in range(PASSES):
+        left = forces - K @ x
+        if np.abs(left).max(initial=0.0) <= allowed / 2:
+            break
+        x = x + factors.solve(left)
+    return x
