@@ -295,16 +295,15 @@ def carried_displacements(
 def shares_in_parents(before: Points, after: Points, parents: np.ndarray) -> np.ndarray:
     """Barycentric coordinates of the vertices of cells in their parents, (cells, ends, ends)."""
     ends = before.mesh.dim + 1
-    known, wanted = (
-        np.insert(vertex_coordinates(p.mesh), 0, 1.0, axis=1)[
-            p.blocks[0].nodes[:, :ends]
-        ]
-        for p in (before, after)
-    )
-    known = known[parents]
-    result = np.tile(np.eye(ends), (len(wanted), 1, 1))
+    known = before.blocks[0].nodes[parents, :ends]
+    wanted = after.blocks[0].nodes[:, :ends]
+    known = vertex_coordinates(before.mesh)[known]
+    wanted = vertex_coordinates(after.mesh)[wanted]
     other = np.flatnonzero((known != wanted).any(axis=(1, 2)))
-    result[other] = np.matmul(wanted[other], np.linalg.inv(known[other]))
+    known = np.insert(known[other], 0, 1.0, axis=2)
+    wanted = np.insert(wanted[other], 0, 1.0, axis=2)
+    result = np.tile(np.eye(ends), (len(parents), 1, 1))
+    result[other] = np.matmul(wanted, np.linalg.inv(known))
     return result
 
 
@@ -320,9 +319,10 @@ def carried_state(
     there = before.blocks[0].nodes[parents, :ends]
     share = shares_in_parents(before, after, parents)
     u = carried_displacements(old.state.u, share, before, after, parents)
-    stress = np.empty((problem.mesh.nv, 1 + problem.N))
-    known = tractions_at_vertices(old)[there]
-    stress[after.blocks[0].nodes[:, :ends]] = np.matmul(share, known)
+    stress = np.zeros((problem.mesh.nv, 1 + problem.N))
+    if len(discrete.contact):
+        known = tractions_at_vertices(old)[there]
+        stress[after.blocks[0].nodes[:, :ends]] = np.matmul(share, known)
     contact = forces_of_rows(discrete, stress)
     return discrete.state(np.where(supports.free, u, supports.values), contact=contact)
 

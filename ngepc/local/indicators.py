@@ -12,7 +12,13 @@ from ngepc.discretisation.points import Elements, Points
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State
-from ngepc.model.elements import SHAPES, determinants, elements_by_shape, plastic_order
+from ngepc.model.elements import (
+    SHAPES,
+    determinants,
+    elements_by_shape,
+    has_straight_simplices,
+    plastic_order,
+)
 from ngepc.model.features import (
     BASIC_FEATURES,
     CONTACT_FEATURES,
@@ -138,11 +144,15 @@ class ShapeIndicators:
     def weights(self) -> np.ndarray:
         """Volume that belongs to the points of the finer rule, (elements, points)."""
         mesh = self.points.mesh
+        weights = np.array(self.rule.weights)
+        if has_straight_simplices(mesh) and not self.points.kinematics.hoop:
+            volume = self.block.weights.sum(axis=1)
+            return volume[:, None] * weights / weights.sum()
         mapped = mesh.MapToAllElements({self.kind: self.rule}, mesh.Materials(".*"))
         jacobian = specialcf.JacobianMatrix(mesh.dim)(mapped)
         size = np.abs(determinants(jacobian.reshape(-1, mesh.dim, mesh.dim)))
         size *= np.ravel(self.points.kinematics.weight(mapped))
-        return size.reshape(len(self.numbers), -1) * np.array(self.rule.weights)
+        return size.reshape(len(self.numbers), -1) * weights
 
     def difference(self, recovered: np.ndarray, stress: np.ndarray) -> np.ndarray:
         """Recovered nodal stresses less those at the points, (elements, fine points, s)."""
