@@ -105,15 +105,17 @@ class TwoLevels(Blocks):
         self._is_whole = len(part.det) == len(space.det)
         self._whole: TwoLevels | None = None
 
-    def focused(self, per_cell: np.ndarray | None = None) -> TwoLevels:
-        """The solver with factors for the vertices where most of the bound is.
+    def focused(
+        self, per_cell: np.ndarray | None = None, share: float = SHARE
+    ) -> TwoLevels:
+        """The solver with factors for the vertices where this share of the bound is.
 
         ``per_cell`` is the bound on each triangle.  All vertices are taken without it, and if these
         would be most of the triangles.
         """
         near = np.arange(len(self.space.det))
         if per_cell is not None:
-            near = self._cells.around(marked(per_cell, SHARE), RINGS)
+            near = self._cells.around(marked(per_cell, share), RINGS)
         if per_cell is not None and 2 * len(near) <= len(per_cell):
             return self._with_factors(self._cells.nodes[near])
         if self._whole is None:

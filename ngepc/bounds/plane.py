@@ -30,6 +30,9 @@ from ngepc.model.elements import inverses
 ADJOINT_GAIN = 0.02
 """A step of the search of the adjoint must lower its bound by this fraction."""
 
+ADJOINT_SHARE = 0.8
+"""The direct solver of this search takes the triangles with this share of what is missed."""
+
 MOST_STEPS = 40
 """Largest number of steps of the adjoint's search."""
 
@@ -349,7 +352,7 @@ class PlaneBoundData(BoundData):
         w = self.foundation.affine(near)
         tau = self.admissible(stress, self.foundation.added(moments, w))
         missed, right = missed_energy(functional, search.compliance, tau)
-        system = search.system.focused(missed)
+        system = search.system.focused(missed, ADJOINT_SHARE)
         bound = float(missed.sum() + self.foundation.gaps(z, w).sum())
         x, left = system.solve(right, bound, ADJOINT_GAIN, MOST_STEPS)
         return AdjointStress(self.space.at_nodes(tau + self.space.stress(x)), w, left)
