@@ -74,10 +74,15 @@ def cells_around(block: Elements, chosen: np.ndarray) -> np.ndarray:
 def stiffness_of(part: Elements, moduli: Moduli, shape: tuple[int, int]) -> csr_matrix:
     """The stiffness of some elements alone, for displacements (nodes, N) of this shape."""
     N = shape[1]
-    K = part.stiffness(moduli)
-    component = np.arange(N)
-    row = N * part.nodes[None, None, :, :, None] + component[:, None, None, None, None]
-    column = N * part.nodes[None, None, :, None] + component[:, None, None, None]
+    count, k = part.nodes.shape
+    products, turned = (K.reshape(count, N, k, N, k) for K in part.stiffness(moduli))
+    K = products + turned.swapaxes(1, 3)
+    both = np.einsum("ecicj->eij", turned)
+    for a in range(N):
+        K[:, a, :, a] += both
+    unknowns = N * part.nodes[:, None] + np.arange(N)[:, None]
+    row = unknowns[:, :, :, None, None]
+    column = unknowns[:, None, None]
     places = [np.broadcast_to(v, K.shape).ravel() for v in (row, column)]
     size = shape[0] * N
     return csr_matrix((K.ravel(), places), shape=(size, size))
