@@ -15,7 +15,7 @@ from ngepc.limit.bracket import bracket_on, centre_of
 from ngepc.limit.data import GROWS, STAYS
 from ngepc.limit.enclosed import Enclosed, cross
 from ngepc.limit.flow_proof import Removal, proved
-from ngepc.limit.outline import Outline, tree_from
+from ngepc.limit.outline import Outline, Tree, tree_from
 from ngepc.limit.reading import growing_names, limit_data
 from ngepc.limit.static import Statics
 from ngepc.limit.statics_proof import OF_TRACTIONS
@@ -390,3 +390,16 @@ def test_outlines_are_those_of_the_cells():
     np.testing.assert_allclose(outline.volumes.middle, data.cells.volume, rtol=1e-14)
     assert np.abs(outline.areas.middle.sum(axis=1)).max() < 1e-15
     np.testing.assert_allclose(outline.sizes, data.cells.measure, rtol=1e-11)
+
+
+def test_sums_along_a_tree_are_not_below_the_exact_ones():
+    """A chain of many cells, whose sums lose digits."""
+    count = 5000
+    number = np.arange(count)
+    tree = Tree(number[::-1], np.zeros(count, dtype=int), number - 1)
+    for seed in range(4):
+        values = np.random.default_rng(seed).uniform(0, 1, count)
+        sums = tree.sums(values)
+        for cell in (0, 1, 100, 4000):
+            exact = sum(map(Fraction, values[cell:].tolist()))
+            assert exact <= Fraction(sums[cell]) <= exact * (1 + Fraction(1, 10**10))
