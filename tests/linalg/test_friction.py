@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -155,6 +156,10 @@ def test_work_of_friction_is_convex_in_the_slip():
     np.testing.assert_allclose(e[closed], rule.split(x)[1][closed] / b[closed, None])
     open_rows = rule.follows(np.append(n, x[m:]), after, 1e-9)[~closed]
     np.testing.assert_allclose(open_rows, e_of(mu, slip)[~closed], atol=1e-12)
+    at_rest = rule.follows(
+        np.zeros(len(x)), np.full(len(x), 0.1), 1.0
+    )  # but for rounding
+    np.testing.assert_array_equal(at_rest, 0.0)
 
 
 def e_of(mu, slip):
@@ -354,6 +359,12 @@ def test_enumeration_of_one_row(limit):
             x = np.array(expected[0])
             other_forces = rule.other_forces(S, gaps + S @ x, x)
             assert (other_forces is not None) == (len(distinct) > 1)
+        else:  # what is given back obeys the bounds
+            change, exact = rule(Compliance.of(S), gaps + S @ forces, forces)
+            n, t = forces + change
+            assert not exact
+            assert n >= 0
+            assert abs(t) <= rule.bound(np.array([n]))[0] * (1 + 1e-12)
     assert counts >= {1, 3}
 
 
@@ -519,6 +530,22 @@ def test_newton_needs_one_step_at_a_solution(law, d, monkeypatch):
     assert left <= 2e-15 * np.abs(x).max()
     assert np.abs(change).max() <= 1e-13 * np.abs(x).max()
     assert len(tried) == 2  # the start, and one step
+
+
+@pytest.mark.parametrize(
+    ("until", "length"), [(1.0, 1.0), (0.3, 0.25), (2e-3, 2**-9), (1e-4, 1.0)]
+)
+def test_steps_are_halved_until_the_residual_falls(until, length, monkeypatch):
+    """A whole one is taken where none of a thousandth or more lowers it."""
+
+    def at(equation, change):
+        return SimpleNamespace(left=0.5 if change[0] <= until else 1.0)
+
+    monkeypatch.setattr(_Equation, "at", at)
+    equation = _Equation(None, None, None, None, None)
+    taken, found = equation._shortened(np.zeros(1), np.ones(1), 1.0)
+    assert taken == length
+    assert found.left == (0.5 if length <= until else 1.0)
 
 
 @pytest.mark.parametrize("d", [0, 1, 2])
