@@ -101,7 +101,7 @@ class ContactConditions:
         """The same conditions for another gap of the obstacles, and start of the step."""
         gaps = self.rows.gaps.copy()
         if self._row_gaps is not None:
-            gaps[self.on_obstacles] = self._row_gaps(*gap_records(problem))
+            gaps[self.on_obstacles] = self._row_gaps(gap_records(problem))
         other = copy(self)
         other.rows = replace(self.rows, gaps=gaps)
         other._closed_at = other._closed(problem, supports)

@@ -8,6 +8,7 @@ smallest value of the gap at the nodes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from ngsolve import BND, ET, H1, ElementId, FESpace, IntegrationRule, specialcf
@@ -40,6 +41,15 @@ between the coefficient and the value at a node."""
 ZERO_GAP = 1e-9  # smaller differences, as a fraction of the largest gap, are no jump
 
 
+class NodeGaps(NamedTuple):
+    """Gaps of nodes of facets: arrays of the same shape, see ``_record_type``."""
+
+    gap: np.ndarray
+    coefficient: np.ndarray
+    least: np.ndarray
+    lowered: np.ndarray
+
+
 def _record_type(N: int) -> np.dtype:
     """The record type of a node of a facet."""
     whole = np.int64
@@ -54,6 +64,7 @@ def _record_type(N: int) -> np.dtype:
             ("corners", whole, 4),  # vertices that the node is the mean of
             ("weight", float),  # integral of the polynomial of the node
             ("gap", float),
+            ("coefficient", float),  # of the gap on the facet alone
             ("least", float),  # of the coefficient of the gap
             ("lowered", float),  # by which it is lowered, ``narrow``
             ("normal", float, N),
@@ -91,16 +102,15 @@ def _records_of(
     """The records of the nodes (facets, k) of the facets of a shape, same shape."""
     mesh = problem.mesh
     at = mesh.MapToAllElements({facet.shape: facet.rule}, mesh.Boundaries(name))
-    gap, least, lowered = _gap_at_nodes(problem, name, scan, facet)
     records = np.zeros(nodes.shape, dtype=_record_type(problem.N))
     records["node"] = nodes
     records["rank"] = problem.processes.rank
     records["shape"] = SHAPES.index(facet.shape)
     records["local"] = np.arange(nodes.shape[1])
     records["corners"] = nodes[:, facet.corners]
-    records["gap"] = gap
-    records["least"] = least
-    records["lowered"] = lowered
+    gaps = _gap_at_nodes(problem, name, scan, facet)
+    for part, values in gaps._asdict().items():
+        records[part] = values
     normal = np.asarray(problem.normal(at))
     records["normal"] = normal.reshape(*nodes.shape, problem.N)
     return records
@@ -108,11 +118,8 @@ def _records_of(
 
 def _gap_at_nodes(
     problem: Problem, name: str, scan: Scan, facet: FacetNodes
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The gap at the nodes of the facets of a shape, its least coefficients, how far they fall.
-
-    Each has the shape (facets, k).
-    """
+) -> NodeGaps:
+    """The gaps of the nodes of the facets of a shape, arrays of shape (facets, k)."""
     mesh = problem.mesh
     region = mesh.Boundaries(name)
     at = mesh.MapToAllElements({facet.shape: facet.rule}, region)
@@ -120,10 +127,12 @@ def _gap_at_nodes(
     least = np.full(gap.shape, -np.inf)
     if facet.degree == 2:
         least = _least(problem, name, facet, gap)
+    coefficient = gap @ facet.coefficients.T
     if not len(scan.hidden):
-        return gap, least, np.zeros(gap.shape)
+        return NodeGaps(gap, coefficient, least, np.zeros(gap.shape))
     alike = [one.nr for one in region.Elements() if one.type == facet.shape]
-    return gap, *clear_of(scan, facet, np.array(alike), gap, least)
+    cleared = clear_of(scan, facet, np.array(alike), gap, least)
+    return NodeGaps(gap, coefficient, *cleared)
 
 
 def scanned_gap(problem: Problem, name: str) -> Scan:
@@ -148,8 +157,8 @@ def nearer_between_nodes(problem: Problem) -> str:
     )
 
 
-def gap_records(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gap, least coefficient and how far it falls, of all nodes of facets, for ``RowGaps``."""
+def gap_records(problem: Problem) -> NodeGaps:
+    """The gaps of all nodes of facets, one after the other."""
     found = []
     for name in problem.contact_names:
         scan = scanned_gap(problem, name)
@@ -160,8 +169,7 @@ def gap_records(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                 facet = facet_nodes(shape, problem.order)
                 of_shape = _gap_at_nodes(problem, name, scan, facet)
                 found.append([part.ravel() for part in of_shape])
-    gap, least, lowered = map(np.concatenate, zip(*found, strict=True))
-    return gap, least, lowered
+    return NodeGaps(*map(np.concatenate, zip(*found, strict=True)))
 
 
 def _element(problem: Problem, space: FESpace, name: str, shape: ET) -> FiniteElement:

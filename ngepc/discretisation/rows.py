@@ -24,6 +24,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import norm
 
 from ngepc.discretisation.gap_records import (
+    ZERO_GAP,
+    NodeGaps,
     facet_records,
     row_coefficients,
     shared_records,
@@ -99,17 +101,29 @@ class RowGaps:
     coefficients: csr_matrix | None  # of order two, from means at the nodes of the rows
     chosen: np.ndarray  # rows that supports do not hold
 
-    def __call__(
-        self, gap: np.ndarray, least: np.ndarray, lowered: np.ndarray
-    ) -> np.ndarray:
-        """From the gap, the least coefficient and the lowering of each record, shape (m,)."""
+    def __call__(self, known: NodeGaps) -> np.ndarray:
+        """From those of the records, shape (m,).
+
+        Coefficients of order two are those of the values at the nodes of the rows, except where the
+        gap jumps at a node: there they are those of the facets.
+        """
         sums = self.sums
-        gaps = sums @ (self.weights * gap) / (sums @ self.weights)
+        gaps = self._mean(known.gap)
         if self.coefficients is not None:
-            lowest = np.maximum.reduceat(least[sums.indices], sums.indptr[:-1])
-            gaps = np.maximum(self.coefficients @ gaps, lowest)
-        gaps = gaps - np.maximum.reduceat(lowered[sums.indices], sums.indptr[:-1])
+            gaps = self.coefficients @ gaps
+            own = self._mean(known.coefficient)
+            rounding = ZERO_GAP * np.abs(known.gap).max(initial=0.0)
+            gaps = np.where(np.abs(gaps - own) > rounding, own, gaps)
+            lowest = np.maximum.reduceat(known.least[sums.indices], sums.indptr[:-1])
+            gaps = np.maximum(gaps, lowest)
+        falls = known.lowered[sums.indices]
+        gaps = gaps - np.maximum.reduceat(falls, sums.indptr[:-1])
         return gaps[self.chosen]
+
+    def _mean(self, values: np.ndarray) -> np.ndarray:
+        """The means of values of the records, (all rows,)."""
+        sums = self.sums
+        return sums @ (self.weights * values) / (sums @ self.weights)
 
 
 def rows_along(
@@ -232,7 +246,7 @@ def rows_and_gaps(
     rows = rows_along(normals, means, along, **at, **without_gaps)
     chosen = rows.movable(supports.free)
     gaps = RowGaps(sums, weights, coefficients, chosen)
-    known = gaps(records["gap"], records["least"], records["lowered"])
+    known = gaps(NodeGaps(*(records[name] for name in NodeGaps._fields)))
     return replace(rows.chosen(chosen), gaps=known), gaps
 
 
