@@ -24,6 +24,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import norm
 
 from ngepc.discretisation.gap_records import (
+    JUMP,
     ZERO_GAP,
     NodeGaps,
     facet_records,
@@ -110,10 +111,11 @@ class RowGaps:
         sums = self.sums
         gaps = self._mean(known.gap)
         if self.coefficients is not None:
-            gaps = self.coefficients @ gaps
             own = self._mean(known.coefficient)
-            rounding = ZERO_GAP * np.abs(known.gap).max(initial=0.0)
-            gaps = np.where(np.abs(gaps - own) > rounding, own, gaps)
+            size = JUMP * (np.abs(own) + np.abs(gaps))
+            size += ZERO_GAP * np.abs(known.gap).max(initial=0.0)
+            gaps = self.coefficients @ gaps
+            gaps = np.where(np.abs(gaps - own) > size, own, gaps)
             lowest = np.maximum.reduceat(known.least[sums.indices], sums.indptr[:-1])
             gaps = np.maximum(gaps, lowest)
         falls = known.lowered[sums.indices]
