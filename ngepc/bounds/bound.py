@@ -358,16 +358,16 @@ def clear_copy(
 
     The others are ``moved`` and the parents.  None where no element stands out, and where the
     displacement penetrates the obstacle.  For two bodies the copy matches where they meet, and the
-    displacement is always changed on the copy.
+    displacement is always changed on the copy, as it is in space.
     """
     found = state_on_copy(result)
     if found is None:
         return None
     carried, parents = found
-    pairs = result.problem.contact_pairs
+    always = result.problem.contact_pairs or result.problem.N == 3
     bound_data = data_on(carried.discrete)
     state, moved = feasible_state(bound_data, carried)
-    if moved > state.touching_distance and not pairs:
+    if moved > state.touching_distance and not always:
         return None
     return bound_data, carried, state, moved, parents
 

@@ -12,6 +12,7 @@ from ngsolve import Mesh
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets
+from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import (
     BALANCED,
     factorise,
@@ -21,6 +22,7 @@ from ngepc.bounds.data import (
 )
 from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.transfer import (
+    bisected,
     carried_state,
     check_carried,
     copied,
@@ -35,23 +37,29 @@ from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State
 from ngepc.model.elements import determinants, element_nodes, vertex_coordinates
-from ngepc.model.features import is_covered
+from ngepc.model.features import HISTORY_FEATURES, is_covered
 
 SHARE = 0.008
 TIMES = 10.0
 """Elements are bisected until no indicator is more than this share of the sum of all, or so many
 times the mean of all."""
 MOST_PASSES = 8
+WITHOUT_HISTORY = BOUNDED - HISTORY_FEATURES
+LARGEST = 40_000
+"""The most tetrahedra of a copy, for the matrices of which 150 MB are needed."""
 
 
 def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
     """The state of a result on a bisected copy of its mesh, and the parents of the elements.
 
-    None where no element stands out, in three dimensions, where data belong to the mesh, and where
-    there are no indicators.  For two bodies the copy always matches where they meet.
+    None where no element stands out, where data belong to the mesh, and where there are no
+    indicators.  For two bodies the copy always matches where they meet.  In three dimensions see
+    ``state_in_eighths``.
     """
     problem = result.problem
-    if problem.N == 3 or not_carried(problem):
+    if problem.N == 3:
+        return state_in_eighths(result)
+    if not_carried(problem):
         if problem.contact_pairs:
             check_carried(problem)
         return None
@@ -67,16 +75,35 @@ def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
     return carried_state(result, discrete, parents), parents
 
 
+def state_in_eighths(result: ExactResult) -> tuple[State, np.ndarray] | None:
+    """The state of a result of order two in space on eighths of the tetrahedra, and their parents.
+
+    The stress of its bound is one of order one, which is less accurate than the displacement.  None
+    in the plane, for order one, for large meshes, where data belong to the mesh, and with a
+    history: polynomials that are not negative at its points may be at those of the parts.
+    """
+    problem = result.problem
+    count = problem.mesh.ne
+    if problem.N == 2 or problem.order == 1 or 8 * count > LARGEST:
+        return None
+    if not_carried(problem) or not is_covered(problem, WITHOUT_HISTORY):
+        return None
+    mesh, parents = bisected(problem.mesh, np.ones(count, dtype=bool))
+    return carried_state(result, discrete_on(result, mesh, parents), parents), parents
+
+
 def pressure_on_copy(
     result: ExactResult, contact: ContactFacets, parents: np.ndarray
 ) -> np.ndarray | None:
     """The contact pressure of a result at the vertices of the facets of a copy, (facets, 2).
 
     Order two: affine on each facet of the mesh, and not continuous.  None for order one, where the
-    forces of the state on the copy have the same pressure.
+    forces of the state on the copy have the same pressure, and in space.
     """
     problem = result.problem
-    if problem.order == 1 or problem.contact_pairs or not problem.contact_names:
+    if problem.N == 3 or problem.order == 1:
+        return None
+    if problem.contact_pairs or not problem.contact_names:
         return None
     cells = Simplices.of(problem.mesh)
     old = ContactFacets(result.discrete, Boundary(problem, cells))
