@@ -26,7 +26,9 @@ ENDED = 0.01
 """The search ends at a step that lowers the bound by a smaller fraction."""
 SHORTEST = 1e-3
 CORRECTIONS = 2
-"""Solves for what rounding errors have left of the jumps."""
+"""Most solves for what rounding errors have left of the jumps."""
+ROUNDED = 1e-12
+"""Jumps of this size, relative to the largest traction, are not corrected."""
 SINGULAR = 1e-12
 """Relative size of eigenvalues that are raised where vertex values of P have no effect."""
 BALANCED = 1e-9
@@ -176,7 +178,11 @@ class RingSearch:
         change = system.minimiser(b, multipliers)
         given = self._tractions(values)
         for _ in range(CORRECTIONS):
-            rest = system.solved(conditions.missing(y + change, given))
+            left = conditions.missing(y + change, given)
+            size = np.abs(self.stresses.tractions(y + change)).max(initial=0.0)
+            if np.abs(left).max(initial=0.0) <= ROUNDED * size:
+                break
+            rest = system.solved(left)
             change = change + system.minimiser(np.zeros_like(b), -rest)
         return change, values
 
