@@ -172,13 +172,11 @@ class State(Iterate):
         """The work of the stress at u + t du times du, and the state there, see ``Iterate``.
 
         w moves along.  The law is evaluated once for a length t that is asked for twice in a row.
-        The strain of du is that of u + du minus that of u: no rounding is larger than that of u.
         """
         law = self.discrete.law
         points = self.discrete.points
         supports = self.discrete.supports
-        end = points.strain(self.u + change)
-        volume, e = (there - here for there, here in zip(end, self.strain, strict=True))
+        volume, e = points.strain(change)
         pull = supports.pull(change)
         dot = points.processes.dot
         start = dot(pull, self.u)
@@ -192,9 +190,8 @@ class State(Iterate):
                 return self.at
             if t not in latest:
                 latest.clear()
-                strain = end if t == 1.0 else points.strain(self.u + t * change)
-                latest[t] = strain, law.returned(*law.beyond_initial(*strain))
-            return latest[t][1]
+                latest[t] = self.discrete.law_at(self.u + t * change)
+            return latest[t]
 
         def work(t: float) -> float:
             """The derivative of the energy along the step."""
@@ -210,18 +207,11 @@ class State(Iterate):
             w = law.linearised(self.at, self.yielding, volume, e)
             w = self.yielding + t * (w - self.yielding)
             state = self.discrete.state(self.u + t * change, w, contact, at(t))
-            if t in latest:
-                vars(state)["strain"] = latest[t][0]
             if t in stresses:
                 vars(state)["stress"] = stresses[t]
             return state
 
         return work, moved
-
-    @cached_property
-    def strain(self) -> tuple[np.ndarray, np.ndarray]:
-        """tr eps(u) and the coordinates of dev eps(u) at the points."""
-        return self.discrete.points.strain(self.u)
 
     @cached_property
     def stress(self) -> tuple[np.ndarray, np.ndarray]:
