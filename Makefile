@@ -71,7 +71,7 @@ results: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns.remake $(NAMES)
 
 mutants: $(VENV)/.test
-	PYTHONPATH=tests $(BIN)/python -m campaigns --out results mutants --count 320 --seed 1
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results mutants --count 320 --seed 2
 
 test-petsc: $(PETSC_VENV)/.test
 	PETSC_DIR=$(PETSC_DIR) NGEPC_NEEDS_PETSC=1 $(PETSC_VENV)/bin/python -m pytest tests/local

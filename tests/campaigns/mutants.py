@@ -68,8 +68,9 @@ NOTE = (
     "survives if no test executes the line or no test fails. It is equivalent if no user of the "
     "package can notice it; the table gives the reason. Shares: killed over all that are not "
     "equivalent, at first sight and now. Between the two, tests were written for survivors of this "
-    "draw, so that the first is what to expect of another draw (--seed). {study.elsewhere} is not "
-    "included: make test-petsc tests it where PETSc is installed."
+    "draw, so that the first is what to expect of another draw (--seed). The package is that of "
+    "the commit below, these tests are newer. {study.elsewhere} is not included: make test-petsc "
+    "tests it where PETSc is installed."
 )
 
 

@@ -272,8 +272,8 @@ def test_figures_are_written(tmp_path, capsys):
         (["solve", "lshape", "--gama", "3"], "see ngepc solve --help"),
         (["study", "duality", "--levels", "1"], "see ngepc study duality --help"),
         (["study", "table1", "--levels", "7"], "1 to 6"),
-        ([], "COMMAND"),
         (["study", "table1", "--rows", "1e7"], "1e0"),
+        ([], "COMMAND"),
     ],
 )
 def test_bad_usage_is_one_line_and_exit_status_2(

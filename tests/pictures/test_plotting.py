@@ -30,7 +30,7 @@ from ngepc.pictures import (
     plot_mesh,
     plot_plastic_zone,
 )
-from ngepc.pictures.course import QUIZZES
+from ngepc.pictures.course import quiz
 from ngepc.pictures.curves import arc_lengths, pressure_curves
 from ngepc.pictures.drawable import KINDS, UnitNames, drawable
 from ngepc.pictures.monitors import live_plot_monitor
@@ -530,7 +530,12 @@ def test_words_stay_inside_wide_low_pictures_and_those_of_monitors(monkeypatch):
 
 
 def test_quizzes_are_there():
-    assert QUIZZES.is_file()
+    found = quiz("01_first_solve")
+    page = found._repr_html_()
+    assert page.count("<details>") == sum(len(one["choices"]) for one in found)
+    assert page.count("Right. ") == len(found) > 0
+    with pytest.raises(ValueError, match="lecture='02': one of 00_lab, 01_first_solve"):
+        quiz("02")
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e9])
