@@ -58,38 +58,6 @@ def written(goal, tmp_path_factory):
     return check_goal.opened_goal(members(arrays, header), header), header
 
 
-@pytest.mark.parametrize("N", [2, 3])
-def test_the_defect_of_a_receipt_cell_by_cell(N, tmp_path):
-    """b of 5., in which each cell has what its sides pull and what is passed on through them."""
-    load = {"traction": {"right": (1.0, 0.5, 0.2)[:N]}}
-    write_receipt(semismooth_newton(pressed(N, **load)), tmp_path / "receipt.npz")
-    arrays, header = opened(tmp_path / "receipt.npz")
-    r = check_receipt.opened(members(arrays, header), header)
-    rest = check_receipt.balance(r, r.stress, r.body_force, r.traction, r.pressure)
-    r.length = r.length * np.linspace(1.0, 1.5, r.K)  # not all alike
-    found = check_receipt.defect(r, rest, r.carried)
-    reach = sum(max(axis) - min(axis) for axis in r.points.tolist())
-    first, second = check_receipt.CONSTANTS[N]
-    total = 0.0
-    for K in range(r.K):
-        pulled = 0.0
-        for k in range(N + 1):
-            side = r.side[k, K]
-            passed = sum(
-                r.carried[other]
-                for other in range(r.K)
-                if r.way[other] >= 0 and r.side[r.way[other], other] == side
-            )
-            turned = 4 * reach * r.length[K] ** (N - 2) / r.areas[k, K]
-            force = rest.outward[k, K] + passed + passed * turned
-            pulled += np.sqrt(r.areas[k, K] / r.det[K]) * force / r.areas[k, K] ** 0.5
-        inner = first * rest.inside[K] * np.sqrt(r.volume[K])
-        b = r.length[K] ** 2 * r.steep[K] * (second * pulled + inner)
-        mu, h = r.mu[K], r.hardening[K]
-        total += b**2 / min(2 * mu * h / (2 * mu + h), r.n * r.bulk[K])
-    assert found == pytest.approx(2 * np.sqrt(total), rel=1e-12)
-
-
 def test_one_pressure_of_an_adjoint_that_is_too_large_is_refused(written):
     """It is at most lambda times that of the solution at each point, not somewhere."""
     r, header = written
@@ -144,9 +112,10 @@ def test_parts_are_cut_where_the_integral_gains_more_than_its_share(rows, monkey
 
     monkeypatch.setattr(check_goal, "opened_goal", lambda *_: SimpleNamespace(N=N))
     monkeypatch.setattr(check_goal, "proved_intervals", proved_intervals)
-    cut = receipt_file.cuts_of({}, {}, (share, 0.0))
+    cut = receipt_file.cuts_of({}, {}, share)
     whole = law[-1] * density(N, x, law)
-    parts, volumes = check_receipt.parted(N, x, law)
+    parts = check_receipt.subdivided(N, x)
+    volumes = check_goal.parted(N, law)
     halved = (volumes[-1] * density(N, parts, volumes)).reshape(4, K).sum(axis=0)
     gains = (whole - halved) * K > share
     assert 0 < gains.sum() < K
