@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from ngepc.discretisation.body import DiscreteBody
 from ngepc.local.system import State
 from ngepc.model.elements import vertex_coordinates
 
@@ -27,6 +28,8 @@ def check_sizes(state: State) -> None:
     moduli = discrete.law.two_mu
     stiff = float(moduli.max()) * length ** (problem.N - 2)
     loaded = float(np.abs(discrete.load).max(initial=0.0))
+    if moved < LEAST and at_rest(discrete):
+        moved = 0.0
     found = {
         "the least shear modulus": float(moduli.min()) / 2,
         "the largest shear modulus": float(moduli.max()) / 2,
@@ -44,6 +47,17 @@ def check_sizes(state: State) -> None:
                 f"{name} is {value:.1e}: a bound needs numbers between {LEAST:g} and {MOST:g}, "
                 "as powers of others are zero or infinite in computers (other units may help)"
             )
+
+
+def at_rest(discrete: DiscreteBody) -> bool:
+    """Whether nothing moves a body: its displacement is zero, and what was computed is rounding."""
+    problem = discrete.problem
+    strained = (
+        problem.initial_strain is not None or problem.initial_plastic_strain is not None
+    )
+    moved = discrete.load.any() or discrete.supports.values.any()
+    pressed = (discrete.rows.gaps < 0).any()
+    return not (strained or moved or pressed)
 
 
 def power_of_two(value: float) -> float:

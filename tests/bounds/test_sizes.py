@@ -15,6 +15,7 @@ from ngepc import (
     goal_bound,
     semismooth_newton,
 )
+from ngepc.bounds.sizes import check_sizes
 from ngepc.geometries import block
 
 COUNTS = {2: (2, 2), 3: (1, 1, 1)}
@@ -101,3 +102,19 @@ def test_numbers_that_are_lost_are_refused_by_name(change, message):
         with pytest.raises(ValueError, match=message):
             bound(result)
     assert message in confidence(result)
+
+
+@pytest.mark.parametrize("pulled", [False, True])
+def test_rounding_errors_of_a_body_at_rest_are_no_displacement(pulled):
+    """Displacements of 1e-172 are refused unless nothing moves the body."""
+    problem = in_units(2, 1.0, 1.0)
+    pull = tuple(1e-170 * np.array(problem.traction["right"]))
+    loads = {"right": pull} if pulled else None
+    result = semismooth_newton(replace(problem, traction=loads))
+    u = result.state.u
+    nearly = replace(result.state, u=np.where(u, u, 1e-172))
+    if not pulled:
+        check_sizes(nearly)
+        return
+    with pytest.raises(ValueError, match="largest"):
+        check_sizes(nearly)

@@ -24,6 +24,7 @@ from ngepc.model.overlay import Overlay
 from ngepc.model.places import Contact, Coulomb
 from ngepc.model.problem import Problem
 from ngepc.model.viscosity import Norton
+from ngepc.results.options import NewtonOptions
 from ngepc.results.outcome import Status
 from ngepc.sensitivity.functionals import DisplacementAt, Reaction, as_functional
 from ngepc.sensitivity.gradient import states_of
@@ -235,10 +236,15 @@ def moved(problem, rates):
     )
 
 
+TWELVE_DIGITS = NewtonOptions(tolerance=1e-12)
+"""Differences divide what is left of the residual by a small step."""
+
+
 def once(problem, start=None):
     """The solution of one time step."""
     at = None if start is None else start.displacement
-    return semismooth_newton(problem, start=at).raise_for_status()
+    result = semismooth_newton(problem, start=at, options=TWELVE_DIGITS)
+    return result.raise_for_status()
 
 
 def carried(problem):
