@@ -28,7 +28,7 @@ def check_sizes(state: State) -> None:
     moduli = discrete.law.two_mu
     stiff = float(moduli.max()) * length ** (problem.N - 2)
     loaded = float(np.abs(discrete.load).max(initial=0.0))
-    if moved < LEAST and at_rest(discrete):
+    if moved < LEAST and nothing_moves(discrete):
         moved = 0.0
     found = {
         "the least shear modulus": float(moduli.min()) / 2,
@@ -49,7 +49,7 @@ def check_sizes(state: State) -> None:
             )
 
 
-def at_rest(discrete: DiscreteBody) -> bool:
+def nothing_moves(discrete: DiscreteBody) -> bool:
     """Whether nothing moves a body: its displacement is zero, and what was computed is rounding."""
     problem = discrete.problem
     strained = (
