@@ -260,7 +260,9 @@ class FinerRule:
         for first in range(0, len(numbers), together):
             some = slice(first, first + together)
             values = values_at_shares(self.mesh, numbers[some], shares, self.value)
-            away = np.abs(np.matmul(projection, values) - usual[some])
+            # values that are not finite have no projection
+            with np.errstate(invalid="ignore"):
+                away = np.abs(np.matmul(projection, values) - usual[some])
             largest = np.abs(usual[some]).max(axis=(1, 2))
             finite = np.isfinite(values).all(axis=(1, 2))
             found[some] = finite & (away.max(axis=(1, 2)) > NOTICED * largest)
