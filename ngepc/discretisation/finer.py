@@ -141,9 +141,12 @@ def unresolved_data(problem: ProblemData) -> str:
     names = [n for n, v in varying.items() if seen(v, points) is not v]
     if not names:
         return ""
+    kept = "vary: their integrals over elements are kept, but the mesh does not follow them"
+    if len(names) == 1:
+        kept = "varies: its integrals over elements are kept, but the mesh does not follow it"
     return (
-        f"Between integration points {', '.join(names)} varies: its integrals over elements are "
-        "kept, but the mesh does not follow it; refine it there, or let its edges follow jumps."
+        f"Between integration points {', '.join(names)} {kept}; refine it there, or let its edges "
+        "follow jumps."
     )
 
 

@@ -16,7 +16,7 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
-from ngepc.discretisation.finer import seen, seen_material
+from ngepc.discretisation.finer import seen, seen_material, unresolved_data
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.sampled import what_is_unseen
@@ -208,6 +208,9 @@ def test_the_message_says_what_remains_unseen():
     message = semismooth_newton(problem).message
     assert said in message
     assert "Between integration points yield_stress varies:" in message
+    both = unresolved_data(pressed(yield_stress=strip(0.37), hardening=strip(0.43)))
+    assert "yield_stress" in both
+    assert "hardening vary:" in both
 
 
 def test_two_processes_have_the_same_energy():
