@@ -29,7 +29,7 @@ from ngepc.bounds.polynomials import (
     triangle_rule,
     worth_keeping,
 )
-from ngepc.bounds.ring_integrals import inverse_from_above, over_radius
+from ngepc.bounds.ring_integrals import OverRadius, inverse_from_above
 from ngepc.discretisation.law import Law
 from ngepc.linalg.bernstein import bernstein_values, from_lattice, lattice_points
 
@@ -86,7 +86,7 @@ class RingConjugate(Conjugate):
         initial = self.two_mu[:, None] * self.initial[:, 0]
         whole[..., 1:] += R[..., None] * initial[:, None]
         base = partial(bernstein_values, self.degree)
-        result = over_radius(base, self._form, self.degree, whole, radii, area)
+        result = OverRadius(base, self._form, self.degree, whole, radii, area).bound()
         S = y[..., 1:] - R[..., None] * self.back
         cell = np.flatnonzero(
             (np.linalg.norm(S, axis=2) > self.beta[:, None] * R).any(axis=1)

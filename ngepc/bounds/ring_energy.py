@@ -16,7 +16,7 @@ from ngepc.bounds.polynomials import (
     triangle_rule,
     worth_keeping,
 )
-from ngepc.bounds.ring_integrals import over_radius
+from ngepc.bounds.ring_integrals import OverRadius
 from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.discretisation.law import Law, Return
 from ngepc.local.system import DiscreteProblem, State
@@ -112,7 +112,7 @@ class RingEnergy:
         Y = self.strain.copy()
         Y[..., 1:] -= R[..., None] * self.law.initial[:, None]
         area = self.cells.volume
-        found = over_radius(quadratics_at, self._form, 2, Y, self.radii, area)
+        found = OverRadius(quadratics_at, self._form, 2, Y, self.radii, area).bound()
         history = self.law.two_mu * np.einsum(
             "td,td->t", self.law.initial, self.law.initial
         )

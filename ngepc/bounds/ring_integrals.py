@@ -17,6 +17,7 @@ a polynomial, which a rule integrates exactly.  Triangles are cut until tau <= 1
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from ngsolve import ET, IntegrationRule
@@ -39,74 +40,53 @@ Form = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """The form q at values (n, q, c) of some triangles (n,)."""
 
 
-def over_radius(
-    base: Base,
-    form: Form,
-    degree: int,
-    coefficients: np.ndarray,
-    radii: np.ndarray,
-    area: np.ndarray,
-) -> np.ndarray:
-    """Upper bounds of int q(Y)/r over triangles, (triangles,).
-
-    ``coefficients`` (triangles, n, c) are those of Y, polynomials of a ``degree``, ``radii``
-    (triangles, 3) the radii of the corners.
-    """
-    there = OverRadius(base, form, degree, coefficients, radii, area)
-    touching = (radii <= ON_AXIS * radii.max()).sum(axis=1)
-    result = np.zeros(len(area))
-    for count, integral in enumerate((there.away, there.at_vertex, there.at_edge)):
-        cells = np.flatnonzero(touching == count)
-        if len(cells):
-            result += integral(cells)
-    return result
-
-
+@dataclass(frozen=True, eq=False)
 class OverRadius:
-    """The arguments of ``over_radius``, and its three cases."""
+    """The integrals of q(Y)/r over triangles: ``bound``, and its three cases."""
 
-    def __init__(
-        self,
-        base: Base,
-        form: Form,
-        degree: int,
-        coefficients: np.ndarray,
-        radii: np.ndarray,
-        area: np.ndarray,
-    ) -> None:
-        self._base = base
-        self._form = form
-        self._degree = degree
-        self._coefficients = coefficients
-        self._radii = radii
-        self._area = area
+    base: Base
+    form: Form
+    degree: int  # of the polynomials Y
+    coefficients: np.ndarray  # of Y, shape (triangles, n, c)
+    radii: np.ndarray  # of the corners, shape (triangles, 3)
+    area: np.ndarray  # shape (triangles,)
+
+    def bound(self) -> np.ndarray:
+        """Upper bounds of the integrals, (triangles,)."""
+        touching = (self.radii <= ON_AXIS * self.radii.max()).sum(axis=1)
+        result = np.zeros(len(self.area))
+        for count, integral in enumerate((self.away, self.at_vertex, self.at_edge)):
+            cells = np.flatnonzero(touching == count)
+            if len(cells):
+                result += integral(cells)
+        return result
 
     def _forms(self, places: np.ndarray, cell: np.ndarray) -> np.ndarray:
         """The form at points (n, q, 3) of some triangles, (n, q)."""
-        values = np.matmul(self._base(places), self._coefficients[cell])
-        return self._form(values, cell)
+        values = np.matmul(self.base(places), self.coefficients[cell])
+        return self.form(values, cell)
 
     def _summed(self, cell: np.ndarray, values: np.ndarray) -> np.ndarray:
-        return np.bincount(cell, values, minlength=len(self._area))
+        return np.bincount(cell, values, minlength=len(self.area))
 
     def at_edge(self, cells: np.ndarray) -> np.ndarray:
         """The integrals over triangles with an edge on the axis."""
-        shares, weights = triangle_rule(2 * self._degree)
+        shares, weights = triangle_rule(2 * self.degree)
         places = np.broadcast_to(shares, (len(cells), *shares.shape))
-        r = self._radii[cells] @ shares.T
+        r = self.radii[cells] @ shares.T
         found = (self._forms(places, cells) / r) @ weights
-        return self._summed(cells, self._area[cells] * found)
+        return self._summed(cells, self.area[cells] * found)
 
     def away(self, cells: np.ndarray) -> np.ndarray:
         """The integrals over triangles that do not touch the axis."""
         parts = np.broadcast_to(np.eye(3), (len(cells), 3, 3))
-        area = self._area[cells]
-        result = np.zeros(len(self._area))
+        area = self.area[cells]
+        result = np.zeros(len(self.area))
         for cut in range(CUTS + 1):
-            r = np.einsum("pij,pj->pi", parts, self._radii[cells])
+            r = np.einsum("pij,pj->pi", parts, self.radii[cells])
             done = (relative_spread(r) <= WIDE) | (cut == CUTS)
             for m, chosen in by_terms(r, done):
-                shares, weights = triangle_rule(2 * self._degree + m)
+                shares, weights = triangle_rule(2 * self.degree + m)
                 places = np.matmul(shares, parts[chosen])
                 inverse = inverse_from_above(r[chosen] @ shares.T, r[chosen], m)
                 found = (self._forms(places, cells[chosen]) * inverse) @ weights
@@ -120,13 +100,13 @@ class OverRadius:
 
     def at_vertex(self, cells: np.ndarray) -> np.ndarray:
         """The integrals over triangles with one vertex on the axis."""
-        apex = self._radii[cells].argmin(axis=1)
+        apex = self.radii[cells].argmin(axis=1)
         top = np.eye(3)[apex]
         edge = np.eye(3)[np.stack([(apex + 1) % 3, (apex + 2) % 3], axis=1)]
-        area = self._area[cells]
-        result = np.zeros(len(self._area))
+        area = self.area[cells]
+        result = np.zeros(len(self.area))
         for cut in range(CUTS + 1):
-            rho = np.einsum("pij,pj->pi", edge, self._radii[cells])
+            rho = np.einsum("pij,pj->pi", edge, self.radii[cells])
             done = (relative_spread(rho) <= WIDE) | (cut == CUTS)
             for m, chosen in by_terms(rho, done):
                 found = self._in_rays(cells[chosen], edge[chosen], top[chosen], m)
@@ -148,12 +128,12 @@ class OverRadius:
         self, cells: np.ndarray, edge: np.ndarray, top: np.ndarray, m: int
     ) -> np.ndarray:
         """The mean of form/rho over t and the place on the opposite edge."""
-        s, along = segment_rule(2 * self._degree + m)
-        t, across = segment_rule(2 * self._degree)
+        s, along = segment_rule(2 * self.degree + m)
+        t, across = segment_rule(2 * self.degree)
         on_edge = np.stack([1 - s, s], axis=1) @ edge
         places = t[:, None] * on_edge[:, :, None]
         places = places + (1 - t)[:, None] * top[:, None, None]
-        ends = np.einsum("pij,pj->pi", edge, self._radii[cells])
+        ends = np.einsum("pij,pj->pi", edge, self.radii[cells])
         rho = ends @ np.stack([1 - s, s])
         inverse = inverse_from_above(rho, ends, m)
         forms = self._forms(places.reshape(len(cells), -1, 3), cells)

@@ -308,6 +308,8 @@ class Laboratory:
             raise ImportError(f"the laboratory needs anywidget: {EXTRA}") from error
 
         class Live(anywidget.AnyWidget):
+            """The page of the laboratory as a widget."""
+
             _esm = self.script
             setup = traitlets.Dict().tag(sync=True)
 

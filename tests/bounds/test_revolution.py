@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns.crossings import Crossing, finer
-from netgen.geom2d import SplineGeometry
-from ngsolve import CF, Mesh, sin, x, y
+from campaigns.rings import rectangle
+from ngsolve import CF, sin, x, y
 
 from ngepc import (
     Material,
@@ -24,7 +24,7 @@ from ngepc.bounds.bound import data_on
 from ngepc.bounds.polynomials import SPLIT, quadratics, triangle_rule
 from ngepc.bounds.ring_element import RR, RZ, TO_COORDINATES, TT, ZZ, RingElement
 from ngepc.bounds.ring_energy import RingEnergy, quadratics_at
-from ngepc.bounds.ring_integrals import over_radius
+from ngepc.bounds.ring_integrals import OverRadius
 from ngepc.bounds.simplices import Simplices
 from ngepc.linalg.bernstein import bernstein_values, from_lattice, lattice_points
 from ngepc.model.kinematics import AXISYMMETRIC
@@ -33,13 +33,6 @@ ELASTIC = Material.kinematic(
     lame_lambda=3.0, lame_mu=2.0, yield_stress=1e6, hardening=0.5
 )
 YIELDING = replace(ELASTIC, yield_stress=0.4)
-
-
-def rectangle(maxh, inner, outer, height):
-    geometry = SplineGeometry()
-    names = ["bottom", "right", "top", "left"]
-    geometry.AddRectangle((inner, 0), (outer, height), bcs=names)
-    return Mesh(geometry.GenerateMesh(maxh=maxh))
 
 
 def body(mesh, material, clamped=None, **data):
@@ -212,7 +205,9 @@ def integral_over_radius(corners, values):
     coefficients = np.linalg.inv(quadratics(shares)) @ values(*(shares @ corners[0]).T)
     form = lambda Y, _: Y[..., 0] ** 2  # noqa: E731
     Y = coefficients[None, :, None]
-    return float(over_radius(quadratics_at, form, 2, Y, corners[:, :, 0], area)[0])
+    return float(
+        OverRadius(quadratics_at, form, 2, Y, corners[:, :, 0], area).bound()[0]
+    )
 
 
 def test_squares_over_the_radius_are_integrated_from_above():

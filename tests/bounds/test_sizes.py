@@ -10,13 +10,15 @@ from ngepc import (
     Material,
     MeanDisplacement,
     Problem,
+    Roller,
     confidence,
     error_bound,
     goal_bound,
     semismooth_newton,
 )
-from ngepc.bounds.sizes import check_sizes
+from ngepc.bounds.sizes import check_sizes, nothing_moves
 from ngepc.geometries import block
+from ngepc.local.system import DiscreteProblem
 
 COUNTS = {2: (2, 2), 3: (1, 1, 1)}
 PULL = {2: (2.0, 1.5), 3: (2.0, 0.5, 1.0)}
@@ -118,3 +120,14 @@ def test_rounding_errors_of_a_body_at_rest_are_no_displacement(pulled):
         return
     with pytest.raises(ValueError, match="largest"):
         check_sizes(nearly)
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-170, -1e-170])
+def test_a_roller_that_moves_moves_the_body(value):
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    metal = Material.kinematic(
+        lame_lambda=1.0, lame_mu=1.0, yield_stress=1.0, hardening=0.1
+    )
+    roller = {"right": Roller((1, 1), value)}
+    problem = Problem(mesh, metal, "left", prescribed=roller, order=1)
+    assert nothing_moves(DiscreteProblem(problem)) == (value == 0)
