@@ -43,7 +43,9 @@ What is left of the conditions is repaired node by node: of m rows it has about 
 of the square of their error, relative to the largest displacement.
 """
 UNMOVED = 1e-5
-"""Tolerance of equilibrium, relative to the forces that hold the displacements."""
+"""Forces that count as small, relative to those that hold the displacements."""
+UNSOLVED = 1e-9
+"""A solve that leaves more than this part of them is repeated for what it leaves."""
 ROUNDING = 1e-10  # tolerance of the conditions before a node is changed
 VIOLATED = 1e-6
 """The largest violation of the conditions that is left; intervals are widened by it."""
@@ -371,6 +373,12 @@ class AdjointProblem(AdjointConditions):
             return without_weak_springs(discrete, self.tangent, forces)
         return self.tangent.solve(forces)
 
+    def left_by(self, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """The part of forces that displacements do not answer; all (nodes, N)."""
+        discrete = self.bound_data.discrete
+        answered = self.tangent.multiply(z) - discrete.floating.springs * z
+        return np.where(discrete.free, forces - answered, 0.0)
+
     def rigid_works(self, start: Start) -> np.ndarray:
         """The works of the goal's load on the motions of floating parts, (motions,)."""
         return np.einsum("ni,nik->k", start.forces, self._motions)
@@ -477,11 +485,16 @@ class AdjointProblem(AdjointConditions):
         N = bound_data.cells.N
         other = copy(bound_data)
         other.carried = carried
-        near = self.answer(forces) + start.lift
+        found = self.answer(forces)
+        near = found + start.lift
         other.patches = copy(bound_data.patches)
         length = bound_data.cells.measure.max() ** (1 / (N - 1))
         stiff = discrete.law.bulk.max() * length ** (N - 2)
-        other.patches.smallest = UNMOVED * stiff * np.abs(near).max(initial=0.0)
+        smallest = UNMOVED * stiff * np.abs(near).max(initial=0.0)
+        other.patches.smallest = smallest
+        left = self.left_by(found, forces)
+        if np.abs(left).max() > UNSOLVED * smallest:
+            near = near + self.answer(left)
         return other.adjoint_stress(
             self.state, self.tangent, self._search, near, z, moments
         )

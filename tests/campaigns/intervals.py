@@ -1,8 +1,9 @@
 """Intervals of goals of random problems, and verdicts on limits beside fine values.
 
-Verdicts on many limits share one run of meshes: a verdict is that of the first mesh whose interval
-does not contain the limit.  For comparison, the usual practice: halve the mesh width until the
-number changes by less than one percent, and compare it with the limit.
+The limit of a verdict is drawn beside the value on the last mesh bisected, so that the verdict is
+read from the meshes that are there: it is that of the first mesh whose interval does not contain
+the limit.  For comparison, the usual practice: halve the mesh width until the number changes by
+less than one percent, and compare it with the limit.
 """
 
 import math
@@ -29,10 +30,10 @@ ROUNDED = 1e-6
 """Tolerance relative to the fine value, as Newton's method stops at its tolerance."""
 HEAD = ("group", "problems", "refused", "intervals", "misses", "proved",
         "median percent", "a quarter above")  # fmt: skip
-VERDICTS = ("group", "problems", "verdicts", "wrong", "undecided", "median nodes",
-            "halving h, wrong", "halving h, no answer")  # fmt: skip
+VERDICTS = ("group", "problems", "wrong", "undecided", "refused", "median nodes",
+            "median CPU s", "halving h, wrong", "halving h, no answer")  # fmt: skip
 BESIDE = (0.02, 0.05, 0.1, 0.2)
-"""How far limits are from the fine value, above and below."""
+"""How far limits are from the fine value, above or below."""
 SECONDS = 60.0
 HALVINGS = 4
 CHANGE = 0.01
@@ -184,9 +185,24 @@ class Intervals(Work):
         return [*lines, *(f"- refused: {reason}" for reason in reasons)]
 
 
+def drawn_limit(seed, number):
+    """Where the limit is: the part by which it differs from the value, and the goal's number."""
+    rng = np.random.default_rng([seed, number])
+    return float(rng.choice(BESIDE) * rng.choice([-1, 1])), int(rng.integers(100))
+
+
+def goals_with_values(problem, draw):
+    """The goals that are not zero on the mesh of the problem: none has a limit beside zero."""
+    result = semismooth_newton(problem)
+    goals = goals_of(problem, draw)
+    return {
+        name: goals[name] for name in sorted(goals) if value_of(result, goals[name])
+    }
+
+
 @dataclass(eq=False)
 class Verdicts(Work):
-    """The campaign: limits beside fine values of ``count`` random problems.
+    """The campaign: one limit beside the fine value of each of ``count`` random problems.
 
     Parameters
     ----------
@@ -194,7 +210,7 @@ class Verdicts(Work):
         How many problems, and the seed of their sequence.
     """
 
-    count: int = 63
+    count: int = 500
     seed: int = 2
 
     name, title = "verdicts", "Verdicts on limits, and halving the mesh width"
@@ -207,100 +223,103 @@ class Verdicts(Work):
         return [{"seed": self.seed, "number": n} for n in range(1, self.count + 1)]
 
     def solve(self, seed, number):
-        """All verdicts of one goal of one problem."""
+        """The verdict on one goal of one problem."""
         problem, draw = drawn(seed, "order 2", number)
-        goals = goals_of(problem, draw)
-        name = sorted(goals)[number % len(goals)]
-        goal = goals[name]
+        part, turn = drawn_limit(seed, number)
+        goals = goals_with_values(problem, draw)
+        name = list(goals)[turn % len(goals)]
         begin = time.process_time()
-        intervals = []
+        meshes = []
 
         def keep(record):
             spent = time.process_time() - begin
             if spent > SECONDS:
                 raise StopIteration
-            intervals.append((record.nodes, record.lower, record.upper))
+            meshes.append((record.nodes, record.lower, record.upper, spent))
             width = record.upper - record.lower
             middle = abs(record.upper + record.lower) / 2
-            narrow = width / 2 < min(BESIDE) / 2 * middle
             # the next mesh takes as long as all before
-            if narrow or spent > SECONDS / 2:
+            if width < abs(part) * middle or spent > SECONDS / 2:
                 raise StopIteration
 
+        found = {"goal": name, "part": part, "refused": ""}
         try:
-            run = solve_to(problem, monitor=keep, goal=goal, percent=FINEST)
+            run = solve_to(problem, monitor=keep, goal=goals[name], percent=FINEST)
         except (ValueError, RuntimeError) as error:
-            return {"goal": name, "refused": str(error)}
-        value = value_of(semismooth_newton(finer(run.result.problem, 1)), goal)
-        limits = [value * (1 + s * part) for part in BESIDE for s in (-1, 1)]
-        verdicts = [decided(limit, value, intervals) for limit in limits]
-        last = halved(replace(problem, order=1), goal)
-        guesses = [] if last is None else [(last <= m) != (value <= m) for m in limits]
-        return {
-            "goal": name,
-            "refused": "",
-            "value": value,
-            "verdicts": verdicts,
-            "halved": guesses,
-            "halved_off": math.nan if last is None else last / value - 1,
-        }
+            return found | {"refused": str(error)}
+        fine = semismooth_newton(finer(run.result.problem, 1))
+        value = value_of(fine, goals[name])
+        limit = value * (1 + part)
+        verdict, nodes, spent = decided(limit, value, meshes)
+        found |= {"value": value, "verdict": verdict, "nodes": nodes, "cpu_s": spent}
+        last = halved(replace(problem, order=1), goals[name])
+        if last is None:
+            return found | {"halved": "no answer", "halved_off": math.nan}
+        wrong = (last <= limit) != (value <= limit)
+        guess = "wrong" if wrong else "right"
+        return found | {"halved": guess, "halved_off": last / value - 1}
 
     def line(self, record):
         """One line about a problem."""
-        if record["refused"]:
-            return f"{record['number']} {record['goal']}: {record['refused']}"
-        words = [verdict for verdict, _ in record["verdicts"]]
-        return (
-            f"{record['number']} {record['goal']}: {words.count('right')} right, "
-            f"{words.count('wrong')} wrong; halving {sum(record['halved'])} wrong"
+        said = record["refused"] or (
+            f"{record['verdict']} after {record['cpu_s']:.3g} s; "
+            f"halving {record['halved']}"
         )
+        return f"{record['number']} {record['goal']}, {record['part']:+.0%}: {said}"
 
     def table_rows(self, records):
         """A row for each distance of the limit."""
-        done = [r for r in records if not r["refused"]]
         rows = []
-        for place, part in enumerate(BESIDE):
-            both = (2 * place, 2 * place + 1)
-            found = [r["verdicts"][k] for r in done for k in both]
-            words = [word for word, _ in found]
-            nodes = [count for word, count in found if word != "undecided"]
-            guesses = [r["halved"][k] for r in done for k in both if r["halved"]]
+        for part in BESIDE:
+            group = [r for r in records if abs(r["part"]) == part]
+            done = [r for r in group if not r["refused"]]
+            words = [r["verdict"] for r in done]
+            guesses = [r["halved"] for r in done]
+            answered = [r for r in done if r["verdict"] != "undecided"] or [
+                {"nodes": math.nan, "cpu_s": math.nan}
+            ]
             values = [
                 f"{100 * part:g} percent from the value",
-                len(done),
-                len(found),
+                len(group),
                 words.count("wrong"),
                 words.count("undecided"),
-                f"{np.median(nodes or [math.nan]):.0f}",
-                sum(guesses),
-                len(found) - len(guesses),
+                len(group) - len(done),
+                f"{np.median([r['nodes'] for r in answered]):.0f}",
+                f"{np.median([r['cpu_s'] for r in answered]):.2g}",
+                guesses.count("wrong"),
+                guesses.count("no answer"),
             ]
             rows.append(dict(zip(VERDICTS, values, strict=True)))
         return rows
 
     def notes(self, records):
-        """What was drawn, how far halving is off, and what is refused."""
-        off = [abs(r["halved_off"]) for r in records if not r["refused"]]
+        """What was drawn, how far halving is off, and what has no verdict."""
+        done = [r for r in records if not r["refused"]]
+        off = [abs(r["halved_off"]) for r in done]
         off = [value for value in off if not math.isnan(value)]
         lines = [
-            "Random problems of `tests/campaigns/random_problems.py`, one goal each, limits above "
-            "and below the value on the last mesh bisected. Verdicts: order two, intervals of "
-            f"the first {SECONDS:g} s of CPU time. Halving: order one, until the "
-            f"number changes by less than {100 * CHANGE:g} percent, {HALVINGS} times at most.",
+            "Random problems of `tests/campaigns/random_problems.py`; of each one goal that is not "
+            "zero, and one limit above or below its value on the last mesh bisected. Verdicts: "
+            f"order two, intervals of the first {SECONDS:g} s of CPU time; no mesh is begun after "
+            f"{SECONDS / 2:g} s. Halving: order one, until the number changes by less than "
+            f"{100 * CHANGE:g} percent, {HALVINGS} times at most.",
             f"Where halving ends it is off by {100 * np.median(off or [math.nan]):.2g} percent "
             f"(median), {100 * max(off, default=math.nan):.3g} percent at most.",
         ]
-        refused = [r for r in records if r["refused"]]
-        lines += [f"- {r['number']} {r['goal']}: {r['refused']}" for r in refused]
-        return lines
+        left = [r for r in records if r["refused"] or r["verdict"] == "undecided"]
+        return lines + [
+            f"- {r['number']} {r['goal']}, {r['part']:+.0%}: {r['refused'] or 'undecided'}"
+            for r in left
+        ]
 
 
-def decided(limit, value, intervals):
-    """'right', 'wrong' or 'undecided', and the vertices of the mesh that decides."""
-    for nodes, lower, upper in intervals:
+def decided(limit, value, meshes):
+    """'right', 'wrong' or 'undecided'; nodes and CPU seconds of the mesh that decides."""
+    for nodes, lower, upper, spent in meshes:
         if upper < limit or limit < lower:
-            return ("right" if (upper < limit) == (value < limit) else "wrong"), nodes
-    return "undecided", 0
+            right = (upper < limit) == (value < limit)
+            return "right" if right else "wrong", nodes, spent
+    return "undecided", 0, math.nan
 
 
 def halved(problem, goal):
