@@ -30,7 +30,7 @@ COVERS = (
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
     | {"anisotropic yield", "cyclic hardening", "quadrilaterals", "springs"}
     | {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
-    | {"axisymmetric"}
+    | {"axisymmetric", "contact at a clamp"}
 )
 """Features that guaranteed bounds cover.
 
@@ -40,6 +40,7 @@ OF_REVOLUTION = (
     BASIC_FEATURES
     | HISTORY_FEATURES
     | {"axisymmetric", "hardening law", "initial strain", "order 2", "rate"}
+    | {"contact at a clamp"}
 )
 """Features that bounds of bodies of revolution cover."""
 

@@ -12,8 +12,8 @@ and slopes of chords bound slopes of tangents: with upper and lower bounds of en
 
 The width falls as the square root of the energy error: the goal itself is far more accurate.
 
-The gap between two bodies is that of the mesh and has no nearby values: the bracket of the force
-between them is the interval of ``goal_bound``.
+The gap between two bodies is that of the mesh and has no nearby values, and an obstacle that meets
+a clamp cannot come nearer there: the bracket of these forces is the interval of ``goal_bound``.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def contact_force_bracket(result: ExactResult) -> Bracket:
     ----------
     result
         A result of ``semismooth_newton`` without gamma; its problem is solved two to six times
-        more, from there, but for two bodies, see ``goal_bound``.
+        more, from there, but for two bodies and at clamps, see ``goal_bound``.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def contact_force_bracket(result: ExactResult) -> Bracket:
     problem = result.problem
     force = float(result.contact_force)
     require_covered(problem, "a bracket of a contact force", COVERS)
-    if problem.contact_pairs:
+    if problem.contact_pairs or "contact at a clamp" in problem.features:
         found = goal_bound(result, "contact_force")
         ends = max(found.lower, 0.0), found.upper
         return Bracket(*ends, force, found.guaranteed, found.message)

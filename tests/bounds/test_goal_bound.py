@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from campaigns.crossings import finer
 from campaigns.intervals import drawn
-from ngsolve import Integrate, x, y
+from ngsolve import CF, Integrate, x, y
 
 from ngepc import (
     ContactForceOn,
@@ -17,6 +17,7 @@ from ngepc import (
     MeanDisplacement,
     Problem,
     Reaction,
+    contact_force_bracket,
     goal_bound,
     semismooth_newton,
 )
@@ -126,7 +127,9 @@ def test_no_strain_exceeds_the_supremum(d, hardening):
 def work_on(result, name, load):
     """The work of a traction on one side."""
     mesh = result.problem.mesh
-    return Integrate(load * result.displacement, mesh, definedon=mesh.Boundaries(name))
+    return Integrate(
+        CF(load) * result.displacement, mesh, definedon=mesh.Boundaries(name)
+    )
 
 
 def fine_value(problem, functional, bisections=4):
@@ -194,6 +197,27 @@ def test_a_reaction_whose_adjoint_is_nearly_a_rigid_motion():
     found = goal_bound(semismooth_newton(problem), Reaction("clamped", 0))
     assert found.lower <= found.discrete <= found.upper
     assert found.percent < 1e-3
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("gap", [0.0, 3e-4])
+def test_contact_that_meets_a_clamp(order, gap):
+    """The gap is open at the corner or closed; a force needs an adjoint that can move there."""
+    traction = {"right": (1.0, 2.5)}
+    given = {"clamped": "left", "contact": "contact", "gap": gap, "order": order}
+    square = block.structured_mesh(3, 3, simplices=True)
+    problem = Problem(square, MATERIAL, traction=traction, **given)
+    result = semismooth_newton(problem)
+    fine = semismooth_newton(finer(replace(problem, order=2), 3))
+    work = goal_bound(result, "work")
+    assert work.guaranteed
+    assert work.lower < work_on(fine, "right", traction["right"]) < work.upper
+    if gap == 0:
+        with pytest.raises(RuntimeError, match="a support holds a vertex that touches"):
+            contact_force_bracket(result)
+        return
+    force = contact_force_bracket(result)
+    assert 0 <= force.lower <= fine.contact_force <= force.upper
 
 
 def test_displacements_of_a_block():

@@ -1,9 +1,9 @@
 """Intervals of goals of random problems, and verdicts on limits beside fine values.
 
-The limit of a verdict is drawn beside the value on the last mesh bisected, so that the verdict is
-read from the meshes that are there: it is that of the first mesh whose interval does not contain
-the limit.  For comparison, the usual practice: halve the mesh width until the number changes by
-less than one percent, and compare it with the limit.
+The limit of a verdict is drawn beside the value on the last mesh, or on that bisected, so that the
+verdict is read from the meshes that are there: it is that of the first mesh whose interval does not
+contain the limit.  For comparison, the usual practice: halve the mesh width until the number
+changes by less than one percent, and compare it with the limit.
 """
 
 import math
@@ -34,6 +34,8 @@ VERDICTS = ("group", "problems", "wrong", "undecided", "refused", "median nodes"
             "median CPU s", "halving h, wrong", "halving h, no answer")  # fmt: skip
 BESIDE = (0.02, 0.05, 0.1, 0.2)
 """How far limits are from the fine value, above or below."""
+BISECTED = 2000
+"""Nodes of the last mesh up to which it is bisected for the value that limits are beside."""
 SECONDS = 60.0
 HALVINGS = 4
 CHANGE = 0.01
@@ -200,6 +202,13 @@ def goals_with_values(problem, draw):
     }
 
 
+def value_beside(result, goal):
+    """The value beside which limits are: on the mesh bisected, on itself if that is fine."""
+    if result.problem.mesh.nv <= BISECTED:
+        result = semismooth_newton(finer(result.problem, 1))
+    return value_of(result, goal)
+
+
 @dataclass(eq=False)
 class Verdicts(Work):
     """The campaign: one limit beside the fine value of each of ``count`` random problems.
@@ -247,8 +256,7 @@ class Verdicts(Work):
             run = solve_to(problem, monitor=keep, goal=goals[name], percent=FINEST)
         except (ValueError, RuntimeError) as error:
             return found | {"refused": str(error)}
-        fine = semismooth_newton(finer(run.result.problem, 1))
-        value = value_of(fine, goals[name])
+        value = value_beside(run.result, goals[name])
         limit = value * (1 + part)
         verdict, nodes, spent = decided(limit, value, meshes)
         found |= {"value": value, "verdict": verdict, "nodes": nodes, "cpu_s": spent}
@@ -299,10 +307,10 @@ class Verdicts(Work):
         off = [value for value in off if not math.isnan(value)]
         lines = [
             "Random problems of `tests/campaigns/random_problems.py`; of each one goal that is not "
-            "zero, and one limit above or below its value on the last mesh bisected. Verdicts: "
-            f"order two, intervals of the first {SECONDS:g} s of CPU time; no mesh is begun after "
-            f"{SECONDS / 2:g} s. Halving: order one, until the number changes by less than "
-            f"{100 * CHANGE:g} percent, {HALVINGS} times at most.",
+            "zero, and one limit above or below its value on the last mesh, bisected if it has at "
+            f"most {BISECTED} nodes. Verdicts: order two, intervals of the first {SECONDS:g} s of "
+            f"CPU time; no mesh is begun after {SECONDS / 2:g} s. Halving: order one, until the "
+            f"number changes by less than {100 * CHANGE:g} percent, {HALVINGS} times at most.",
             f"Where halving ends it is off by {100 * np.median(off or [math.nan]):.2g} percent "
             f"(median), {100 * max(off, default=math.nan):.3g} percent at most.",
         ]
