@@ -56,8 +56,8 @@ class Factors:
         self._inverse = None
         self.back_substitutions = 0
         self._in_blocks = name in FROM_LOWER_TRIANGLE
-        nodal = problem.order == 1 and not problem.contact_pairs
-        self.stiffened = self._stiffened if nodal else None
+        in_facets = not problem.contact_pairs
+        self.stiffened = self._stiffened if in_facets else None
         self._held: Factors | None = None  # with springs of the contact rows
         self._springs: np.ndarray | None = None  # their stiffness
         self._large = int(body.free.sum()) >= LARGE
@@ -78,6 +78,16 @@ class Factors:
     def _left(self) -> BaseVector:
         return self._matrix.CreateColVector()
 
+    @cached_property
+    def _given(self) -> np.ndarray:
+        """View of the right side, (nodes, N)."""
+        return self._right.FV().NumPy().reshape(self._free.shape)
+
+    @cached_property
+    def _found(self) -> np.ndarray:
+        """View of the solution, (nodes, N)."""
+        return self._left.FV().NumPy().reshape(self._free.shape)
+
     def linearise(self, here: Iterate) -> None:
         """Take the tangent at a state."""
         self.update(here.moduli)
@@ -94,7 +104,7 @@ class Factors:
         return self._stiffness.entries(self._matrix)
 
     def _stiffened(self, springs: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """``solve`` with springs of the contact rows, each of which belongs to one node."""
+        """``solve`` with springs of the contact rows, each of which belongs to one facet."""
         if self._held is None or not np.array_equal(springs, self._springs):
             R = self._body.contact.matrix
             stiffness = self._stiffness.with_added((R.T @ diags(springs) @ R).tocsr())
@@ -133,26 +143,26 @@ class Factors:
         FactorisationError if they are not finite.
         """
         self.back_substitutions += 1
-        self._right.FV().NumPy()[:] = np.where(self._free, forces, 0.0).ravel()
+        np.multiply(forces, self._free, out=self._given)
         with self._threads():
-            self._left.data = self._inverse * self._right
+            self._inverse.Mult(self._right, self._left)
         if self.back_substitutions == 1 and self._in_blocks:
             rest = (self._right - self._matrix * self._left).Evaluate()
             if rest.Norm() > LOST * self._right.Norm():
                 self._in_blocks = False
                 self._factorise()
-                self._left.data = self._inverse * self._right
+                self._inverse.Mult(self._right, self._left)
                 self.back_substitutions = 1
-        u = self._left.FV().NumPy().reshape(self._free.shape).copy()
+        u = self._found.copy()
         if not np.isfinite(u).all():
             raise FactorisationError(f"{self._name} found a singular tangent")
         return u
 
     def multiply(self, u: np.ndarray) -> np.ndarray:
         """The tangent times displacements that vanish where held, both (nodes, N)."""
-        self._right.FV().NumPy()[:] = u.ravel()
+        self._given[:] = u
         self._left.data = self._matrix * self._right
-        return self._left.FV().NumPy().reshape(u.shape).copy()
+        return self._found.copy()
 
 
 def tangent_of(

@@ -12,6 +12,7 @@ residuals solve them for the true S, which leaves few problems with W.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -72,23 +73,32 @@ class Compliance:
 
     def restart(self) -> None:
         """Start with a new tangent K: known products become a guess."""
-        self._learned: list[tuple[np.ndarray, np.ndarray]] = []
+        self._known = 0
+        self._forces = np.empty_like(self._matrix)  # S-orthonormal, then what is unused
+        self._answers = np.empty_like(self._matrix)  # S times them
 
     def learn(self, force: np.ndarray, answer: np.ndarray) -> bool:
         """Update W such that W force = answer = S force; False if that holds already."""
-        work = force @ answer
-        for v, Sv in self._learned:
-            share = v @ answer
-            force = force - share * v
-            answer = answer - share * Sv
-        size = force @ answer
-        if not size > SPANNED * work:
+        known = self._known
+        if known == len(force):
             return False
-        v = force / np.sqrt(size)
-        Sv = answer / np.sqrt(size)
-        guess = self @ v
-        self._matrix += np.outer(Sv, Sv) - np.outer(guess, guess / (v @ guess))
-        self._learned.append((v, Sv))
+        work = force @ answer
+        v = self._forces[:known]
+        Sv = self._answers[:known]
+        for _ in range(2 if known else 0):  # one pass leaves rounding errors
+            shares = v @ answer
+            force = force - shares @ v
+            answer = answer - shares @ Sv
+        size = force @ answer
+        if not size > max(SPANNED * work, 0.0):
+            return False
+        scale = 1 / math.sqrt(size)
+        new = self._forces[known] = scale * force
+        image = self._answers[known] = scale * answer
+        self._known = known + 1
+        guess = self._matrix @ new
+        self._matrix += np.outer(image, image)
+        self._matrix -= np.outer(guess, guess / (new @ guess))
         return True
 
     def learn_anyway(self, force: np.ndarray, answer: np.ndarray) -> None:
@@ -143,7 +153,9 @@ def solve_by_secants(
         # the rounding error of the product stays in the gaps
         slack = max(slack, ROUNDING * float(np.abs(answer).max()))
         off = answer - predicted
-        if response is not None and exact and np.abs(off).max(initial=0.0) > slack:
+        if exact and np.abs(off).max(initial=0.0) <= slack:
+            return forces, parts  # the conditions are met with the gaps predicted
+        if response is not None and exact:
             A = response(compliance, gaps - off, forces)
             more = in_same_state(A, product, compliance, gaps, slack, left)
             gaps = gaps + more.parts @ more.answers
@@ -178,30 +190,35 @@ def in_same_state(
     right = -A @ gaps
     rest = right
     enough = max(slack, left * np.abs(W @ rest).max(initial=0.0))
-    forces = np.zeros((0, len(gaps)))
-    answers = forces
-    images = forces  # A S times the forces, made orthonormal
-    triangle = np.zeros((len(gaps), len(gaps)))  # the images in these coordinates
-    for k in range(len(gaps)):
-        if not np.abs(W @ rest).max(initial=0.0) > enough:
-            break
-        d = rest / np.linalg.norm(rest)
+    n = len(gaps)
+    forces = np.empty((n, n))
+    answers = np.empty((n, n))
+    images = np.empty((n, n))  # A S times the forces, made orthonormal
+    triangle = np.zeros((n, n))  # the images in these coordinates
+    tried = 0
+    independent = 0
+    while tried < n and np.abs(W @ rest).max() > enough:
+        d = rest / math.sqrt(rest @ rest)
         answer = product(d)
+        forces[tried] = d
+        answers[tried] = answer
+        tried += 1
         image = A @ answer
+        before = images[:independent]
         for _ in range(2):  # one pass leaves rounding errors
-            shares = images @ image
-            triangle[:k, k] += shares
-            image = image - shares @ images
-        forces = np.vstack([forces, d])
-        answers = np.vstack([answers, answer])
-        size = np.linalg.norm(image)
+            shares = before @ image
+            triangle[:independent, independent] += shares
+            image = image - shares @ before
+        size = math.sqrt(image @ image)
         if not size > 0:
             break
-        triangle[k, k] = size
-        images = np.vstack([images, image / size])
-        rest = rest - (images[k] @ rest) * images[k]
+        image /= size
+        triangle[independent, independent] = size
+        images[independent] = image
+        independent += 1
+        rest = rest - (image @ rest) * image
         W.learn_anyway(d, answer)
-    k = len(images)
-    parts = np.zeros(len(forces))
-    parts[:k] = np.linalg.solve(triangle[:k, :k], images @ right)
-    return Combination(parts, forces, answers)
+    chosen = slice(independent)
+    parts = np.zeros(tried)
+    parts[chosen] = np.linalg.solve(triangle[chosen, chosen], images[chosen] @ right)
+    return Combination(parts, forces[:tried], answers[:tried])

@@ -200,14 +200,19 @@ def plastic_lines(yield_stress: float, modulus: float) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Answer:
-    """The result of ``ccx``: the last total force, the last displacement, and the cost."""
+    """The result of ``ccx``: total forces (steps, 3), the last displacement, and the cost."""
 
     finished: bool
-    force: np.ndarray | None
+    forces: np.ndarray
     displacement: np.ndarray | None
     cpu: float
     megabytes: float
     iterations: int
+
+    @property
+    def force(self) -> np.ndarray | None:
+        """The last total force."""
+        return self.forces[-1] if len(self.forces) else None
 
 
 def run(deck: Deck, folder: Path, limit: int = 600) -> Answer:
@@ -237,11 +242,11 @@ def run(deck: Deck, folder: Path, limit: int = 600) -> Answer:
     printed = (folder / "log").read_text(errors="replace")
     data = folder / "deck.dat"
     answers = data.read_text() if data.exists() else ""
-    force = re.findall(r"total force.*?\n\s*\n\s*([-\dE.+ ]+)\n", answers)
+    totals = re.findall(r"total force.*?\n\s*\n\s*([-\dE.+ ]+)\n", answers)
     moved = re.findall(r"displacements.*?\n\s*\n\s*\d+([-\dE.+ ]+)\n", answers)
     return Answer(
         finished="Job finished" in printed and "*ERROR" not in printed,
-        force=np.array(force[-1].split(), dtype=float) if force else None,
+        forces=np.array([total.split() for total in totals], dtype=float),
         displacement=np.array(moved[-1].split(), dtype=float) if moved else None,
         cpu=usage.ru_utime + usage.ru_stime,
         megabytes=usage.ru_maxrss / 1024,

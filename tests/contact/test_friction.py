@@ -246,11 +246,15 @@ def test_the_condition_for_one_solution_is_an_eigenvalue():
 
 
 @pytest.mark.parametrize("mu", [0.1, 0.3])
-@pytest.mark.parametrize("cells", [(16, 8), (32, 16), (3, 3, 3)])
-def test_small_coefficients_need_no_search(cells, mu, monkeypatch):
+@pytest.mark.parametrize(
+    ("cells", "order"),
+    [((16, 8), 1), ((32, 16), 1), ((3, 3, 3), 1), ((16, 8), 2), ((2, 2, 2), 2)],
+)
+def test_small_coefficients_need_no_search(cells, order, mu, monkeypatch):
     """The condition holds on every mesh, and other equilibria are not looked for."""
     monkeypatch.setattr(FrictionCone, "other_forces", None)
-    assert "Friction" not in solved(pressed(cells, Coulomb(mu))).message
+    result = solved(pressed(cells, Coulomb(mu), order=order))
+    assert "Friction" not in result.message
 
 
 def pressed(cells, friction, gap=-0.02, order=1):

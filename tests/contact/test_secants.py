@@ -141,6 +141,28 @@ def test_minimal_residuals_between_small_problems_find_the_same_forces(rng, d):
     assert set(slips) == {True, False}
 
 
+def test_a_product_that_agrees_with_a_known_compliance_ends_the_search(rng):
+    """One small problem and one product, if W is S: the forces are those of the small problem."""
+    S = spd(rng, 12, 1e2)
+    gaps = rng.normal(size=12)
+    asked = []
+
+    def small(*given):
+        asked.append(given)
+        return in_box(*given)
+
+    products = []
+
+    def product(d):
+        products.append(d)
+        return S @ d
+
+    given = gaps, np.zeros(12), 1e-12
+    found, parts = solve_by_secants(small, product, Compliance.of(S), *given)
+    assert len(asked) == len(products) == len(parts) == 1
+    assert np.abs(np.minimum(found, gaps + S @ found)).max() < 1e-12
+
+
 def test_dependent_rows_share_a_force():
     """Two rows with one compliance: any split for the same gap, the deeper one alone for two."""
     S = np.ones((2, 2))
