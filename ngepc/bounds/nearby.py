@@ -75,12 +75,12 @@ def stiffness_of(part: Elements, moduli: Moduli, shape: tuple[int, int]) -> csr_
     """The stiffness of some elements alone, for displacements (nodes, N) of this shape."""
     N = shape[1]
     count, k = part.nodes.shape
-    products, turned = (K.reshape(count, N, k, N, k) for K in part.stiffness(moduli))
-    K = products + turned.swapaxes(1, 3)
-    both = np.einsum("ecicj->eij", turned)
+    products, turned = (K.reshape(count, k, N, k, N) for K in part.stiffness(moduli))
+    K = products + turned.swapaxes(2, 4)
+    both = np.einsum("eicjc->eij", turned)
     for a in range(N):
-        K[:, a, :, a] += both
-    unknowns = N * part.nodes[:, None] + np.arange(N)[:, None]
+        K[:, :, a, :, a] += both
+    unknowns = N * part.nodes[:, :, None] + np.arange(N)
     row = unknowns[:, :, :, None, None]
     column = unknowns[:, None, None]
     places = [np.broadcast_to(v, K.shape).ravel() for v in (row, column)]

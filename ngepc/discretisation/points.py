@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import ceil
 
 import numpy as np
 from ngsolve import (
@@ -33,6 +34,7 @@ from ngsolve import (
     y,
     z,
 )
+from scipy.sparse import csr_matrix
 
 from ngepc.linalg.cores import in_order
 from ngepc.model.elements import (
@@ -46,8 +48,15 @@ from ngepc.model.kinematics import Kinematics
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team, nodal_processes_of
 
-CHUNK = 200_000
-"""Numbers in the rows of the elements that are held in memory at once: few enough for a cache."""
+CHUNK = 400_000
+"""Numbers in the matrices of the elements that are held in memory at once.
+
+With fewer threads wait for each other: each call of NumPy lets go of Python's lock and takes it
+back.  A thread that has to wait for it is woken up some 50 microseconds later.
+"""
+
+SMALL = 200_000
+"""Fewer numbers are not divided."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,15 +77,32 @@ class Elements:
     slopes: np.ndarray
     """Derivatives of the shape functions at the points, shape (elements, p, k, slopes)."""
 
-    @property
-    def parts(self) -> Iterator[Elements]:
-        """The elements in chunks, as views."""
-        unknowns = self.shapes.shape[1] * self.basis.shape[1]
-        count = max(1, CHUNK // unknowns**2)
+    def parts(self, numbers: int) -> list[Elements]:
+        """The elements in an even number of parts, as views; of each element so many ``numbers``.
+
+        There is one part if they are few.
+        """
+        total = numbers * len(self.nodes)
+        count = 1 if total < SMALL else 2 * ceil(total / (2 * CHUNK))
+        size = max(1, ceil(len(self.nodes) / count))
         names = ("nodes", "points", "weights", "slopes")
-        for first in range(0, len(self.nodes), count):
-            chosen = slice(first, first + count)
-            yield replace(self, **{name: getattr(self, name)[chosen] for name in names})
+        return [
+            replace(
+                self,
+                **{name: getattr(self, name)[first : first + size] for name in names},
+            )
+            for first in range(0, len(self.nodes), size)
+        ]
+
+    @property
+    def matrix_parts(self) -> list[Elements]:
+        """Parts for matrices of the elements."""
+        return self.parts(self.basis.shape[1] ** 2 * self.shapes.shape[1] ** 2)
+
+    @property
+    def row_parts(self) -> list[Elements]:
+        """Parts for what has the size of the slopes."""
+        return self.parts(self.slopes[0].size)
 
     @property
     def _shares(self) -> np.ndarray:
@@ -118,55 +144,55 @@ class Elements:
         ).swapaxes(0, 1)
         return sum(at_points[1:], at_points[0])
 
-    def stiffness(self, moduli: Moduli) -> tuple[np.ndarray, np.ndarray]:
-        """B' C B by two matrices of each element, L and G, shapes (elements, N k, N k).
+    def stiffness(self, moduli: Moduli) -> Iterator[np.ndarray]:
+        """B' C B by two matrices of each element, L, then G, shapes (elements, k N, k N).
 
-        Rows and columns stand component by component.  Nodes i, j and components a, b have
+        Nodes i, j and components a, b have
 
-            L[a i, b j] + G[b i, a j], and where a = b the sum of G[c i, c j] over c.
+            L[i a, j b] + G[i b, j a], and where a = b the sum of G[i c, j c] over c.
 
         With symmetric tensors dev a : dev b = a : b - tr a tr b / size.  The products G of the
         slopes of two nodes give sym(u grad) : sym(v grad) at once, so that only the trace and the
-        direction of the moduli need rows.
+        direction of the moduli need rows.  L should be given up before G is asked for: a cache has
+        room for one of them.
         """
         count, points = self.points.shape
         N = self.basis.shape[1]
-        slopes = self.slopes[..., :N].swapaxes(2, 3).reshape(count, points, -1)
-        shear = 0.5 * self.weights * moduli.across[self.points]
-        rows, factors = self._single_rows(moduli)
-        single = _weighted_squares(rows, factors)
-        if moduli.coupling is not None:
-            single += self._coupled(moduli.coupling)
-        return single, _weighted_squares(slopes, shear)
+        if moduli.coupling is None:
+            yield _weighted_squares(*self._single_rows(moduli))
+        else:
+            rows = _weighted_squares(*self._single_rows(moduli))
+            yield rows + self._coupled(moduli.coupling)
+        slopes = self.slopes[..., :N].reshape(count, points, -1)
+        yield _weighted_squares(slopes, 0.5 * self.weights * moduli.across[self.points])
 
     def _single_rows(self, moduli: Moduli) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose squares with these factors are what remains of B' C B beside a : b.
 
-        They stand component by component, shapes (elements, rows, N k) and (elements, rows).
+        Shapes (elements, rows, k N) and (elements, rows).
         """
         count, points = self.points.shape
         bulk = moduli.bulk[self.points]
         across = moduli.across[self.points]
-        slopes = self.slopes.swapaxes(2, 3)
         s, N, kinds = self.basis.shape
         directions = moduli.direction[self.points].reshape(-1, s - 1)
-        tensors = directions @ self.basis[1:].reshape(s - 1, -1)
-        along = np.matmul(tensors.reshape(count, points, N, kinds), slopes)
-        trace = slopes[:, :, :N]
+        tensors = directions @ self.basis[1:].swapaxes(1, 2).reshape(s - 1, -1)
+        along = np.matmul(self.slopes, tensors.reshape(count, points, kinds, N))
+        trace = self.slopes[..., :N]
         if kinds > N:
             trace = trace.copy()
-            trace[:, :, 0] += slopes[:, :, -1]  # the strain along the circumference
+            trace[..., 0] += self.slopes[..., -1]  # the strain along the circumference
         rows = [trace, along]
         factors = [-across / self.size, moduli.extra[self.points]]
         if self.averaged:
-            mean = np.einsum("ep,epci->eci", self._shares, trace)
+            mean = np.einsum("ep,epic->eic", self._shares, trace)
             rows.append(np.broadcast_to(mean[:, None], trace.shape))
             factors.append(bulk)
         else:
             factors[0] = factors[0] + bulk
         if kinds > N:
             hoop = np.zeros(trace.shape)
-            hoop[:, :, 0] = slopes[:, :, -1]
+            hoop[..., 0] = self.slopes[..., -1]
             rows.append(hoop)
             factors.append(across)
         weighted = [self.weights * factor for factor in factors]
@@ -174,14 +200,11 @@ class Elements:
         return np.concatenate(flat, axis=1), np.concatenate(weighted, axis=1)
 
     def _coupled(self, coupling: np.ndarray) -> np.ndarray:
-        """B' C B for symmetric matrices C on (tr, dev), component by component."""
-        count, points, k, _ = self.slopes.shape
-        N = self.basis.shape[1]
-        strains = self.rows().reshape(count, points, -1, k, N).swapaxes(3, 4)
-        strains = strains.reshape(count, points, -1, N * k)
+        """B' C B for symmetric matrices C on (tr, dev), node by node."""
+        strains = self.rows()
         weighted = self.weights[:, :, None, None] * coupling[self.points]
         stresses = np.matmul(weighted, strains)
-        flat = (count, -1, N * k)
+        flat = (len(strains), -1, strains.shape[-1])
         return np.matmul(strains.reshape(flat).swapaxes(1, 2), stresses.reshape(flat))
 
 
@@ -270,7 +293,7 @@ class Points:
 
     def __getstate__(self) -> dict:
         """Everything except the mapped points, which refer to their mesh in memory."""
-        left_out = ("_mapped", "functions", "seen")
+        left_out = ("_mapped", "functions", "_incidence", "seen")
         return {name: part for name, part in vars(self).items() if name not in left_out}
 
     def __setstate__(self, state: dict) -> None:
@@ -350,7 +373,7 @@ class Points:
             strain[part.points] = part.strain(u)
 
         for block in self.blocks:
-            deque(in_order(enter, list(block.parts)), maxlen=0)
+            deque(in_order(enter, block.row_parts), maxlen=0)
         return strain[:, 0].copy(), strain[:, 1:].copy()
 
     def forces(self, pressure: np.ndarray, deviator: np.ndarray) -> np.ndarray:
@@ -373,17 +396,18 @@ class Points:
 
     def _gathered(self, local: Callable[[Elements], np.ndarray]) -> np.ndarray:
         """Sums over elements of the values at their nodes, shape (nodes, N)."""
-        count = self.scalar.ndof
         N = self.kinematics.N
-        result = np.zeros((count, N))
-        for block in self.blocks:
-            values = np.concatenate(list(in_order(local, list(block.parts)))).reshape(
-                -1, N
-            )
-            nodes = block.nodes.ravel()
-            for c in range(N):
-                result[:, c] += np.bincount(nodes, values[:, c], minlength=count)
-        return self.processes.summed(result)
+        parts = [part for block in self.blocks for part in block.row_parts]
+        values = [found.reshape(-1, N) for found in in_order(local, parts)]
+        return self.processes.summed(self._incidence @ np.concatenate(values))
+
+    @cached_property
+    def _incidence(self) -> csr_matrix:
+        """Ones where a node is one of an element, shape (nodes, nodes of all elements)."""
+        nodes = np.concatenate([block.nodes.ravel() for block in self.blocks])
+        places = nodes, np.arange(len(nodes))
+        shape = (self.scalar.ndof, len(nodes))
+        return csr_matrix((np.ones(len(nodes)), places), shape=shape)
 
     def cell_means(self, values: np.ndarray) -> np.ndarray:
         """The mean over its element at each point, shape (points,)."""

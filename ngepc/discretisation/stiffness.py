@@ -6,12 +6,22 @@ instead of single components takes a third of the time.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from copy import copy
 from typing import Any, NamedTuple
 
 import numpy as np
-from ngsolve import CF, H1, BaseMatrix, BilinearForm, InnerProduct, Mesh, Trace, dx
+from ngsolve import (
+    CF,
+    H1,
+    BaseMatrix,
+    BilinearForm,
+    BitArray,
+    InnerProduct,
+    Mesh,
+    Trace,
+    dx,
+)
 from ngsolve.comp import ProxyFunction, SumOfIntegrals
 from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix, tril
@@ -50,6 +60,7 @@ class Stiffness(Blocks):
     """
 
     def __init__(self, mesh: Mesh, order: int, free: np.ndarray) -> None:
+        self.mesh = mesh
         self.free = free
         self.N = free.shape[1]
         self.order = order
@@ -97,11 +108,19 @@ class Stiffness(Blocks):
         values[places] += blocks
         return self.held(values)
 
-    def matrix(self) -> BaseMatrix:
-        """A new matrix of NGSolve, of which the lower half is stored."""
-        if self._pattern is None:
-            return pattern_matrix(self._space)
+    def matrix(self, elements: np.ndarray | None = None) -> BaseMatrix:
+        """A new matrix of NGSolve, of which the lower half is stored.
+
+        With booleans ``elements`` it has the blocks that these elements touch.
+        """
+        if self._pattern is None or elements is not None:
+            return pattern_matrix(self._space, elements)
         return self._pattern.CreateMatrix()
+
+    def numbers(self, matrix: BaseMatrix) -> np.ndarray:
+        """The numbers of the blocks of such a matrix, in ascending order."""
+        rows, columns, _ = lower_triangle(matrix)
+        return self.places(rows, columns)
 
     def entries(self, matrix: BaseMatrix) -> np.ndarray:
         """View of the blocks of such a matrix, shape (blocks, N, N)."""
@@ -130,35 +149,31 @@ class Stiffness(Blocks):
 class Gather(NamedTuple):
     """Which blocks some elements touch, and how they are summed from pairs of nodes.
 
-    ``fresh`` are positions that no earlier element has touched, which are written without being
-    read, ``seen`` the others; rows of the ``matrix`` are the blocks in this order.  Its columns are
-    the numbers of matrices (elements, N k, N k) from the one on that belongs to two components.
+    Rows of the ``matrix`` are those of the blocks ``touched``, its columns the rows with N numbers
+    that matrices (elements, k N, k N) consist of.
     """
 
-    fresh: np.ndarray
-    seen: np.ndarray
+    touched: np.ndarray
     matrix: csr_matrix
 
-    def summed(self, single: np.ndarray, products: np.ndarray, N: int) -> np.ndarray:
+    def summed(self, matrices: Iterator[np.ndarray], N: int) -> np.ndarray:
         """The sums over the elements of ``Elements.stiffness``, shape (blocks, N, N)."""
-        k = single.shape[1] // N
-        width = self.matrix.shape[1]
 
-        def component(K: np.ndarray, a: int, b: int) -> np.ndarray:
-            """The sums of the numbers that belong to components a of rows and b of columns."""
-            first = k * (a * N * k + b)
-            return self.matrix @ K.reshape(-1)[first : first + width]
+        def sums(K: np.ndarray) -> np.ndarray:
+            """The sums of blocks of such matrices, flat."""
+            return (self.matrix @ K.reshape(-1, N)).reshape(-1, N * N)
 
-        blocks = np.empty((self.matrix.shape[0], N, N))
-        along = 0.0
-        for a, b in np.ndindex(N, N):
-            product = component(products, b, a)
-            if a == b:
-                along += product
-            blocks[:, a, b] = component(single, a, b) + product
-        for a in range(N):
-            blocks[:, a, a] += along
-        return blocks
+        blocks, turned = map(sums, matrices)
+        blocks += turned @ transpose_and_trace(N)
+        return blocks.reshape(-1, N, N)
+
+
+def transpose_and_trace(N: int) -> np.ndarray:
+    """The map of a matrix G to G' + tr G I, both flat, from the right, shape (N^2, N^2)."""
+    unit = np.eye(N)
+    transpose = np.einsum("ad,bc->cdab", unit, unit)
+    trace = np.einsum("cd,ab->cdab", unit, unit)
+    return (transpose + trace).reshape(N * N, -1)
 
 
 class ElementStiffness(Stiffness):
@@ -166,60 +181,86 @@ class ElementStiffness(Stiffness):
 
     def __init__(self, points: Points, free: np.ndarray) -> None:
         super().__init__(points.mesh, points.order, free)
-        self._points = points
-        blocks = [list(block.parts) for block in points.blocks]
-        most = max(part.nodes.size * part.nodes.shape[1] for b in blocks for part in b)
-        self._ones = np.ones(most)
-        seen = np.zeros(len(self.rows), dtype=bool)
-        self._gathers = [
-            [self._gather(part, seen) for part in block] for block in blocks
-        ]
+        self._parts = [part for block in points.blocks for part in block.matrix_parts]
+        most = max(part.nodes.size * part.nodes.shape[1] for part in self._parts)
+        self._ones = np.ones(self.N * most)
+        self._gathers = list(in_order(self._gather, self._parts))
+        self._rows_first = list(self._first_touched())
 
-    def _gather(self, part: Elements, seen: np.ndarray) -> Gather:
+    def _gather(self, part: Elements) -> Gather:
         """How the blocks of some elements are summed.
 
         The block of nodes i >= j takes the pair (a, b) of an element with its nodes in this order.
-        Blocks that earlier elements have touched are ``seen``.
         """
         count, k = part.nodes.shape
+        N = self.N
         a, b = np.tril_indices(k)
         i = part.nodes[:, a]
         j = part.nodes[:, b]
-        width = self.N * k
-        pair = np.where(i >= j, width * a + b, width * b + a)
-        pair = pair + width**2 * np.arange(count)[:, None]
+        first_row = np.where(i >= j, N * k * a + b, N * k * b + a)
+        first_row = first_row + N * k**2 * np.arange(count)[:, None]
         places = self.places(np.maximum(i, j), np.minimum(i, j)).ravel()
-        order = np.lexsort((places, seen[places]))
+        order = np.argsort(places, kind="stable")
         places = places[order]
         first = np.flatnonzero(np.diff(places, prepend=-1))
-        touched = places[first]
-        fresh = len(touched) - int(np.count_nonzero(seen[touched]))
-        seen[touched] = True
         starts = np.append(first, len(order)).astype(np.int32)
-        columns = pair.ravel()[order].astype(np.int32)
-        shape = (len(touched), int(pair.max()) + 1)
-        matrix = csr_matrix((self._ones[: len(order)], columns, starts), shape=shape)
-        positions = touched.astype(np.int32)
-        return Gather(positions[:fresh], positions[fresh:], matrix)
+        matrix = self._by_rows(starts, first_row.ravel()[order], part.nodes.shape)
+        return Gather(places[first], matrix)
+
+    def _first_touched(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Rows of blocks of each part that no earlier part has touched, and the others.
+
+        The first ones are written without being read.
+        """
+        seen = np.zeros(len(self.rows), dtype=bool)
+        for gather in self._gathers:
+            there = seen[gather.touched]
+            yield np.flatnonzero(~there), np.flatnonzero(there)
+            seen[gather.touched] = True
+
+    def _by_rows(
+        self, starts: np.ndarray, first: np.ndarray, shape: tuple[int, int]
+    ) -> csr_matrix:
+        """``Gather.matrix`` of (elements, k); ``first``: the columns of first rows of blocks."""
+        N = self.N
+        count, k = shape
+        sizes = np.diff(starts)
+        numbers = np.arange(len(first)) - np.repeat(starts[:-1], sizes)
+        # the N rows of a block stand behind each other, with equally many entries
+        places = np.repeat(N * starts[:-1], sizes) + numbers
+        columns = np.empty(N * len(first), dtype=np.int32)
+        for c in range(N):
+            columns[places + c * np.repeat(sizes, sizes)] = first + c * k
+        ends = np.append(0, np.cumsum(np.repeat(sizes, N))).astype(np.int32)
+        shape = (N * len(sizes), N * count * k**2)
+        return csr_matrix((self._ones[: len(columns)], columns, ends), shape=shape)
 
     def summed(self, data: Moduli, out: np.ndarray | None = None) -> np.ndarray:
         """See ``Stiffness``."""
         if out is None:
             out = np.empty((len(self.rows), self.N, self.N))
+        items = as_items(out)
 
-        def enter(given: tuple[Elements, Gather]) -> tuple[np.ndarray, np.ndarray]:
-            """Write what is fresh of the blocks of some elements; the others and where they are."""
-            part, gather = given
-            blocks = gather.summed(*part.stiffness(data), self.N)
-            count = len(gather.fresh)
-            out[gather.fresh] = blocks[:count]
-            return gather.seen, blocks[count:]
+        def enter(number: int) -> tuple[np.ndarray, np.ndarray]:
+            """Write what is fresh of the blocks of a part; where the others are, and these."""
+            gather = self._gathers[number]
+            fresh, others = self._rows_first[number]
+            blocks = gather.summed(self._parts[number].stiffness(data), self.N)
+            items[gather.touched[fresh]] = as_items(blocks)[fresh]
+            return gather.touched[others], blocks[others]
 
-        for block, gathers in zip(self._points.blocks, self._gathers, strict=True):
-            parts = list(zip(block.parts, gathers, strict=True))
-            for seen, blocks in in_order(enter, parts):
-                out[seen] += blocks
+        for seen, blocks in in_order(enter, range(len(self._parts))):
+            out[seen] += blocks
         return out
+
+
+def as_items(blocks: np.ndarray) -> np.ndarray:
+    """A view of blocks (k, N, N) as k items without numbers inside: NumPy moves them faster.
+
+    It does not keep Python's lock for them either.
+    """
+    size = blocks[0].nbytes if len(blocks) else 1
+    return blocks.reshape(-1).view(np.dtype((np.void, size)))
 
 
 class SymbolicStiffness(Stiffness):
@@ -286,9 +327,13 @@ def by_moduli(points: Points, free: np.ndarray) -> SymbolicStiffness:
     return SymbolicStiffness(points.mesh, points.order, free, form, enter)
 
 
-def pattern_matrix(space: H1) -> BaseMatrix:
-    """A symmetric matrix with the pattern of the space, its lower triangle stored."""
+def pattern_matrix(space: H1, elements: np.ndarray | None = None) -> BaseMatrix:
+    """A symmetric matrix with the pattern of the space, its lower triangle stored.
+
+    Booleans ``elements`` choose those whose pattern it is.
+    """
     u, v = space.TnT()
     form = BilinearForm(space, symmetric=True, symmetric_storage=True)
-    form += CF(0) * u * v * dx
+    chosen = None if elements is None else BitArray(elements.tolist())
+    form += CF(0) * u * v * dx(definedonelements=chosen)
     return form.Assemble().mat

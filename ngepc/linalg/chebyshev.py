@@ -31,8 +31,8 @@ LANCZOS = 10
 class Chebyshev:
     """A smoothing step in place; it is symmetric, so that it serves before and after a correction.
 
-    ``multiply`` is A times a vector, ``divide`` D^-1 times a vector.  The largest eigenvalue is
-    estimated from a ``start``, a vector of random numbers.
+    ``multiply`` is A times a vector, ``divide`` D^-1 times a vector, new arrays.  The largest
+    eigenvalue is estimated from a ``start``, a vector of random numbers.
     """
 
     def __init__(
@@ -55,15 +55,18 @@ class Chebyshev:
 
     def _move(self, x: np.ndarray, left: np.ndarray) -> None:
         """Move x by the polynomial of the residual ``left``, which changes."""
-        step = self._divide(left) / self._middle
+        step = self._divide(left)
+        step /= self._middle
         x += step
         ratio = self._middle / self._half
         before = 1 / ratio
         for _ in range(DEGREE - 1):
             left -= self._multiply(step)
             now = 1 / (2 * ratio - before)
+            change = self._divide(left)
+            change *= 2 * now / self._half
             step *= now * before
-            step += (2 * now / self._half) * self._divide(left)
+            step += change
             x += step
             before = now
 

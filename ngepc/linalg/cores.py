@@ -19,11 +19,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import cached_property
 from multiprocessing import parent_process
+from queue import SimpleQueue
 from typing import Generic, TypeVar
 
 from ngsolve import TaskManager
@@ -86,26 +86,39 @@ class _Loop(Generic[Part, Value]):
         self._values: dict[int, Value] = {}
         self._failures: list[BaseException] = []
         self._room = threading.Semaphore(AHEAD)
-        self._arrived = threading.Semaphore(0)
+        self._arrived: SimpleQueue[None] = SimpleQueue()
+        self._left: SimpleQueue[None] = SimpleQueue()
+        self._busy: dict[int, float] = {}
 
-    def help(self) -> float:
-        """Compute parts until none is left; the processor time that this took (s)."""
+    @property
+    def busy(self) -> float:
+        """The processor time of the helpers (s)."""
+        return sum(self._busy.values())
+
+    def help(self) -> None:
+        """Compute parts until none is left."""
         begin = time.thread_time()
         try:
-            while self._compute_next():
-                self._arrived.release()
+            for number in self._numbers:
+                value = self._function(self._parts[number])
+                self._busy[threading.get_ident()] = time.thread_time() - begin
+                self._values[number] = value
+                self._arrived.put(None)
                 self._room.acquire()
         except BaseException as failure:
             self._failures.append(failure)
-        self._arrived.release()
-        return time.thread_time() - begin
+        self._arrived.put(None)
+        self._left.put(None)
 
     def values(self) -> Iterator[Value]:
         """The values in order, computed here as far as helpers have not begun with them."""
         for number in range(len(self._parts)):
             while number not in self._values and not self._failures:
-                if not self._compute_next():
-                    self._arrived.acquire()
+                mine = next(self._numbers, None)
+                if mine is None:
+                    self._arrived.get()
+                else:
+                    self._values[mine] = self._function(self._parts[mine])
             if self._failures:
                 raise self._failures[0]
             self._room.release()
@@ -116,13 +129,10 @@ class _Loop(Generic[Part, Value]):
         deque(self._numbers, maxlen=0)
         self._room.release(len(self._parts) + 1)
 
-    def _compute_next(self) -> bool:
-        """Compute the next part, if there is one."""
-        number = next(self._numbers, None)
-        if number is None:
-            return False
-        self._values[number] = self._function(self._parts[number])
-        return True
+    def wait(self, helpers: int) -> None:
+        """Return when so many helpers have left."""
+        for _ in range(helpers):
+            self._left.get()
 
 
 class Crew:
@@ -132,6 +142,8 @@ class Crew:
         self._given = size
         self._process = os.getpid()
         self._share = 0.0  # of the last loop's time that helping threads have computed
+        self._threads: list[threading.Thread] = []
+        self.works = False  # on a loop: one that begins inside it has no threads
 
     @cached_property
     def size(self) -> int:
@@ -139,8 +151,16 @@ class Crew:
         return usable_threads() if self._given is None else self._given
 
     @cached_property
-    def _pool(self) -> ThreadPoolExecutor:
-        return ThreadPoolExecutor(self.size, thread_name_prefix="ngepc")
+    def _tasks(self) -> SimpleQueue[Callable[[], None] | None]:
+        """What helping threads take tasks from; the threads begin when it is made."""
+        tasks: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        for thread in range(1, self.size):
+            name = f"ngepc-{thread}"
+            self._threads.append(
+                threading.Thread(target=_work, args=(tasks,), name=name)
+            )
+            self._threads[-1].start()
+        return tasks
 
     @property
     def helps(self) -> bool:
@@ -158,24 +178,41 @@ class Crew:
         """The function of each part, in order; a few parts are computed ahead.
 
         The caller's thread computes, too: a thread that only waits and is woken for each value
-        costs more than many a part.
+        costs more than many a part.  Nobody waits for the others to leave a loop that is complete.
         """
         loop = _Loop(function, parts)
+        helpers = min(self.size, len(parts)) - 1
+        complete = False
+        self.works = True
         begin = time.perf_counter()
-        helpers = [self._pool.submit(loop.help) for _ in range(1, self.size)]
+        for _ in range(helpers):
+            self._tasks.put(loop.help)
         try:
             yield from loop.values()
+            complete = True
         finally:
+            self.works = False
+            wall = time.perf_counter() - begin
             loop.stop()
-            busy = [helper.result() for helper in helpers]
-        wall = time.perf_counter() - begin
+            if not complete:
+                loop.wait(helpers)
         if wall > SHORT:
-            self._share = sum(busy) / (wall * len(helpers))
+            self._share = loop.busy / (wall * helpers)
 
     def close(self) -> None:
         """End the threads."""
-        if "_pool" in vars(self) and self._process == os.getpid():
-            self._pool.shutdown()
+        if self._process != os.getpid():
+            return
+        for _ in self._threads:
+            self._tasks.put(None)
+        for thread in self._threads:
+            thread.join()
+
+
+def _work(tasks: SimpleQueue[Callable[[], None] | None]) -> None:
+    """Do tasks until there is a None."""
+    while (task := tasks.get()) is not None:
+        task()
 
 
 _CREW: ContextVar[Crew | None] = ContextVar("crew", default=None)
@@ -205,7 +242,7 @@ def in_order(
 ) -> Iterator[Value]:
     """The function of each part, in order, by the threads of the crew if there is one."""
     threads = _CREW.get()
-    if threads is None or len(parts) < 2 or not threads.helps:
+    if threads is None or len(parts) < 2 or threads.works or not threads.helps:
         return map(function, parts)
     return threads.in_order(function, parts)
 

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix
 
 from ngepc.discretisation.stiffness import Blocks, Stiffness
+from ngepc.discretisation.summands import Summands
 from ngepc.linalg.chebyshev import Chebyshev
 from ngepc.linalg.descent import Linear
 from ngepc.local.iterative import FullPattern, pinned_blocks, place_among
@@ -26,11 +27,8 @@ class LowerStorage:
 
     def __init__(self, stiffness: Stiffness) -> None:
         self._stiffness = stiffness
-        self._matrix = stiffness.matrix()
-        self._blocks = stiffness.entries(self._matrix)
-        self._right, self._left = (self._matrix.CreateColVector() for _ in range(2))
-        self._given = self._right.FV().NumPy()
-        self._product = self._left.FV().NumPy()
+        self._summands = Summands(stiffness)
+        self._blocks = self._summands.blocks
 
     @property
     def matrix(self) -> LowerStorage:
@@ -40,12 +38,11 @@ class LowerStorage:
     def fill(self, data: Any) -> None:
         """See ``Storage``."""
         self._stiffness.values(data, self._blocks)
+        self._summands.renew()
 
     def multiply(self, x: np.ndarray) -> np.ndarray:
         """See ``Storage``."""
-        self._given[:] = x
-        self._matrix.Mult(self._right, self._left)
-        return self._product.copy()
+        return self._summands.times(x)
 
     def pin(self, nodes: np.ndarray, projections: np.ndarray) -> csr_matrix:
         """See ``Storage``."""
@@ -56,7 +53,7 @@ class LowerStorage:
         pairs = np.flatnonzero((rows >= 0) | (columns >= 0))
         before = self._blocks[pairs]
         after = pinned_blocks(before, projections, rows[pairs], columns[pairs])
-        self._blocks[pairs] = after
+        self._summands.replace(pairs, after)
         return stiffness.symmetric(before - after, pairs)
 
     def leading(self, count: int) -> Leading:

@@ -77,6 +77,20 @@ def test_an_error_in_a_thread_is_raised_and_no_thread_is_left():
     assert threading.active_count() == before
 
 
+def test_a_loop_inside_a_part_has_no_threads():
+    """Threads beside those of the outer loop would wait for a core."""
+    both = threading.Barrier(2)
+
+    def inner(_):
+        both.wait()
+        return set(cores.in_order(lambda _: threading.get_ident(), [0, 1, 2]))
+
+    with cores.crew(2):
+        first, second = cores.in_order(inner, [0, 1])
+        assert len(first) == len(second) == 1
+        assert first != second
+
+
 def test_an_inner_function_has_the_threads_of_the_outer_one():
     with cores.crew(2) as outer, cores.crew(5) as inner:
         assert inner is outer
@@ -84,14 +98,15 @@ def test_an_inner_function_has_the_threads_of_the_outer_one():
 
 @pytest.mark.parametrize(("each", "free"), [(0.9, True), (0.6, False)])
 def test_cores_are_free_if_threads_compute_all_the_time(each, free, monkeypatch):
-    """The helping thread computes for so much of a loop that takes a second."""
+    """The helping thread computes one part, for so much of a loop that takes a second."""
     wall = count(0.0, 1.0)
     busy = count(0.0, each)
     clocks = SimpleNamespace(perf_counter=wall.__next__, thread_time=busy.__next__)
     monkeypatch.setattr(cores, "time", clocks)
+    both = threading.Barrier(2)
     with cores.crew(2) as crew:
         assert not crew.has_free_cores
-        list(cores.in_order(abs, list(range(40))))
+        list(cores.in_order(lambda _: both.wait(), [0, 1]))
         assert crew.has_free_cores is free
         assert isinstance(cores.threads_of_ngsolve(), TaskManager) is free
 
