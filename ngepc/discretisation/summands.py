@@ -8,6 +8,7 @@ own: nobody waits, and the sum has the same digits for any number of threads.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from functools import reduce
 
 import numpy as np
@@ -25,8 +26,13 @@ On a virtual machine with two cores, where a product takes 1.3 ms, that is 0.1 m
 """
 
 
-def element_halves(mesh: Mesh) -> list[np.ndarray]:
-    """Which elements are in the lower and in the upper half along the longest side, booleans."""
+def element_parts(mesh: Mesh, unknowns: int) -> list[np.ndarray | None]:
+    """Booleans, which elements are in the lower and in the upper part along the longest side.
+
+    One part, None, has all of them if there are few unknowns.
+    """
+    if unknowns < LARGE:
+        return [None]
     x = vertex_coordinates(mesh)
     along = x[:, np.argmax(np.ptp(x, axis=0))]
     centres = np.empty(mesh.ne)
@@ -72,34 +78,44 @@ class Summand:
 
 
 class Summands:
-    """The blocks of a tangent, (blocks, N, N), and matrices for its products."""
+    """The ``blocks`` of a tangent, (blocks, N, N), and matrices for its products.
 
-    def __init__(self, stiffness: Stiffness) -> None:
-        self.blocks = np.empty((len(stiffness.rows), stiffness.N, stiffness.N))
-        split = stiffness.free.size >= LARGE
-        parts = element_halves(stiffness.mesh) if split else [None]
-        self._summands = []
+    ``parts`` are booleans over the elements, by default one with all of them: then the blocks are
+    those of its matrix, and are stored once.
+    """
+
+    def __init__(
+        self, stiffness: Stiffness, parts: Sequence[np.ndarray | None] = (None,)
+    ) -> None:
+        matrices = [stiffness.matrix(part) for part in parts]
+        entries = [stiffness.entries(matrix) for matrix in matrices]
+        numbers = [stiffness.numbers(matrix) for matrix in matrices]
+        self._summands = list(map(Summand, matrices, entries, numbers))
+        self.blocks = entries[0]
+        self._copied: list[Summand] = []
+        if len(parts) > 1:
+            self.blocks = np.empty((len(stiffness.rows), stiffness.N, stiffness.N))
+            self._copied = self._summands
+            self._find_repeated()
+        self._right = matrices[0].CreateColVector()
+        self._given = self._right.FV().NumPy()
+
+    def _find_repeated(self) -> None:
+        """A block that several matrices have is zero in all but the first one."""
         known = np.zeros(len(self.blocks), dtype=bool)
-        for part in parts:
-            matrix = stiffness.matrix(part)
-            summand = Summand(
-                matrix, stiffness.entries(matrix), stiffness.numbers(matrix)
-            )
+        for summand in self._summands:
             summand.elsewhere = np.flatnonzero(known[summand.chosen])
             known[summand.chosen] = True
-            self._summands.append(summand)
-        self._right = matrix.CreateColVector()
-        self._given = self._right.FV().NumPy()
 
     def renew(self) -> None:
         """Make products with the present ``blocks``."""
-        taken = in_order(lambda summand: summand.take(self.blocks), self._summands)
+        taken = in_order(lambda summand: summand.take(self.blocks), self._copied)
         deque(taken, maxlen=0)
 
     def replace(self, numbers: np.ndarray, blocks: np.ndarray) -> None:
         """Change some blocks, also for products."""
         self.blocks[numbers] = blocks
-        for summand in self._summands:
+        for summand in self._copied:
             summand.replace(numbers, blocks)
 
     def times(self, x: np.ndarray) -> np.ndarray:

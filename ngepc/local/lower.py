@@ -8,7 +8,7 @@ which takes four times as long.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,11 +23,16 @@ from ngepc.model.processes import Team
 
 
 class LowerStorage:
-    """A tangent as blocks on and below the diagonal, see ``Storage``; ``matrix`` is itself."""
+    """A tangent as blocks on and below the diagonal, see ``Storage``; ``matrix`` is itself.
 
-    def __init__(self, stiffness: Stiffness) -> None:
+    Threads make products together if there are several ``parts``, see ``Summands``.
+    """
+
+    def __init__(
+        self, stiffness: Stiffness, parts: Sequence[np.ndarray | None] = (None,)
+    ) -> None:
         self._stiffness = stiffness
-        self._summands = Summands(stiffness)
+        self._summands = Summands(stiffness, parts)
         self._blocks = self._summands.blocks
 
     @property

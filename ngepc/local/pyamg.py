@@ -11,6 +11,7 @@ from scipy.sparse import bsr_matrix, csr_matrix, eye
 
 from ngepc.discretisation.body import DiscreteBody
 from ngepc.discretisation.stiffness import Stiffness
+from ngepc.discretisation.summands import element_parts
 from ngepc.linalg.aggregation import COARSEST
 from ngepc.linalg.cores import in_order
 from ngepc.linalg.cycle import Level, coarsest_solver, level_and_coarser, v_cycle
@@ -64,8 +65,9 @@ class PyAMG(Iterative):
         return LOOSE if self.forcing is None else self.forcing
 
     def storage(self, stiffness: Stiffness) -> LowerStorage:
-        """Tangents as blocks on and below the diagonal."""
-        return LowerStorage(stiffness)
+        """Tangents as blocks on and below the diagonal, those of large bodies in two parts."""
+        parts = element_parts(stiffness.mesh, stiffness.free.size)
+        return LowerStorage(stiffness, parts)
 
     def preconditioner(
         self, storage: LowerStorage, body: DiscreteBody

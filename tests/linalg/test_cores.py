@@ -13,7 +13,7 @@ from pyngcore import GetNumThreads
 
 import ngepc
 from ngepc import NewtonOptions, PyAMG, lshape_problem
-from ngepc.discretisation import factors
+from ngepc.discretisation import factors, points, summands
 from ngepc.geometries import block, lshape
 from ngepc.linalg import cores, cycle
 from ngepc.studies.large import pressed
@@ -37,15 +37,18 @@ def solid():
 
 
 @pytest.mark.parametrize("make", [plane, solid])
-def test_two_threads_give_the_digits_of_one(make, monkeypatch):
-    monkeypatch.setattr(cycle, "LARGE", 100)
+def test_several_threads_give_the_digits_of_one(make, monkeypatch):
+    for module in (cycle, summands):
+        monkeypatch.setattr(module, "LARGE", 100)
+    monkeypatch.setattr(points, "SMALL", 1000)
+    monkeypatch.setattr(points, "CHUNK", 10_000)
     problem, options = make()
     found = []
-    for number in (1, 2):
+    for number in (1, 2, 4):
         with cores.crew(number):
             result = ngepc.semismooth_newton(problem, options=options)
         found.append((result.primal_energy, result.history.column("residual_norm")))
-    assert found[0] == found[1]
+    assert found[0] == found[1] == found[2]
 
 
 def test_threads_of_ngsolve_change_rounding_only(two_threads, monkeypatch):
