@@ -437,7 +437,8 @@ def solved(
         if left <= ALGEBRAIC_SHARE * bound.total:
             part = left / bound.total if bound.total > 0 else 0.0
             ending = (
-                f"Newton's part of the error bound is {part:.1e} after {steps} steps."
+                f"Newton's method stopped after {steps} steps: its share of the error bound is "
+                f"{part:.1e}."
             )
             ended = replace(result, status=Status.BOUNDED, ending=ending)
             return ended, bound, steps, tools

@@ -161,7 +161,8 @@ def require_components(name: str, value: object, N: int) -> CoefficientFunction:
         return value
     if not isinstance(value, tuple | list | np.ndarray):
         raise TypeError(
-            f"{name}={in_words(value)}: a vector of {N} components is needed"
+            f"{name}={in_words(value)}: a vector of {N} components is needed, "
+            "numbers or coefficients such as mesh.MaterialCF({...}, default=0)"
         )
     if len(value) != N:
         raise ValueError(f"{name}={in_words(value)}: {N} components are needed")

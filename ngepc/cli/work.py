@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from zipfile import is_zipfile
 
 import numpy as np
 from ngsolve import GridFunction
@@ -46,6 +47,8 @@ from ngepc.studies.limit_problems import GROWING, LIMITS
 from ngepc.studies.shakedown_problems import SHAKEDOWNS
 from ngepc.studies.work import Work
 
+HOPELESS = 1e3
+"""An interval wider than this times its middle is not refined to a percentage."""
 FINGERPRINT = {"kind": "run of ngepc solve", "version": 4}
 NUMBERS = {
     "status": "status",
@@ -167,15 +170,21 @@ def _solution(args: argparse.Namespace) -> tuple[Result, float, ErrorBound | Non
 def _refined(args: argparse.Namespace, problem: Problem) -> tuple[Result, ErrorBound]:
     """The result on the last mesh for ``--error`` or ``--goal``, and its error bound."""
     report = reporter(args.quiet)
+    hopeless = ""
 
     def note(mesh: MeshRecord) -> None:
         """Report a mesh: nodes, steps, and the error or the interval of the goal."""
+        nonlocal hopeless
         size = f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps"
         found = f"energy error at most {at_most_percent(mesh.relative, 3)}"
         if args.goal is not None:
             ends = " and ".join(outward(mesh.lower, mesh.upper))
             found = f"{args.goal} between {ends}"
         report(f"{size}: {found}")
+        middle = abs(mesh.lower + mesh.upper) / 2
+        if mesh.upper - mesh.lower > HOPELESS * middle:
+            hopeless = f"The {args.goal} is about 0: no mesh gives it to a percentage."
+            raise StopIteration
 
     if args.goal is None:
         bounded = solve_to(problem, args.error, monitor=note)
@@ -185,7 +194,8 @@ def _refined(args: argparse.Namespace, problem: Problem) -> tuple[Result, ErrorB
         report(str(bounded.goal))
     result = bounded.result
     if result.status.is_success and not bounded.reached:
-        result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)
+        ending = hopeless or bounded.message
+        result = replace(result, status=Status.MESH_LIMIT, ending=ending)
     return result, bounded.bound
 
 
@@ -397,6 +407,11 @@ def check_file(args: argparse.Namespace) -> int:
     """``ngepc check FILE``: check a receipt, as ``check_goal.py`` does alone."""
     if not args.receipt.is_file():
         raise ValueError(f"{args.receipt}: no such file")
+    if not is_zipfile(args.receipt):
+        sys.stdout.write(
+            f"{args.receipt}: FAIL: no receipt, as ngepc.write_receipt makes\n"
+        )
+        return 1
     return check_goal.check_files([str(args.receipt)])
 
 
@@ -508,7 +523,7 @@ def summarise(
         "residual": f"{record['residual_norm']:.3g}",
         "energy J": f"{record['primal_energy']:.10g}",
         "-J*": f"{-record['dual_energy']:.10g}",
-        "contact force": f"{record['contact_force']:.10g}",
+        "contact force": f"{record['contact_force']:.7g}",
         "energy error": error,
         "time": f"{record['wall_time_s']:.2f} s",
     }

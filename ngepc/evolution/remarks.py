@@ -17,6 +17,7 @@ from ngepc.results.result import (
     SMALL_STRAIN,
     at_plastic_points,
     large_motion,
+    large_part,
     turning,
 )
 
@@ -41,9 +42,8 @@ def remarks(steps: Sequence[EvolutionStep]) -> str:
     largest = steps[int(np.argmax(sizes))]
     strain, rotation = strain_and_rotation(largest.fields)
     if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
-        found.append(
-            f"At time {largest.record.time:g}: {large_motion(strain, rotation)}"
-        )
+        said = large_motion(strain, rotation, large_part(largest.fields))
+        found.append(f"At time {largest.record.time:g}: {said}")
     return " ".join(found)
 
 

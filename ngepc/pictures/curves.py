@@ -20,6 +20,9 @@ from ngepc.pictures.wording import units_of
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import History
 
+FEWEST_DIGITS = 1 / 64
+"""Powers of two above this have few digits on an axis."""
+
 
 @styled
 def plot_history(
@@ -82,15 +85,22 @@ def draw_runs(
         left.plot(steps, residuals, **style)
         right.plot(steps[1:], history.step_lengths, **style)
     left.set(yscale="log", ylabel="residual norm")
-    right.set_yscale("log", base=2)
     shortest = min((min(h.step_lengths, default=1.0) for h, _, _ in runs), default=1.0)
     right.set(ylabel="step length", ylim=(min(0.4, 0.8 * shortest), 1.4))
-    right.yaxis.set_major_formatter("{x:g}")
+    scale_steps(right, shortest)
     for axes in panels:
         axes.set_xlabel("Newton step")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if tolerance is not None:
         left.axhline(tolerance, color=GUIDE, linewidth=0.8, linestyle=":")
+
+
+def scale_steps(axes: Axes, shortest: float) -> None:
+    """Logarithmic axis of step lengths: powers of two, and of ten where those have many digits."""
+    few = shortest >= FEWEST_DIGITS
+    axes.set_yscale("log", base=2 if few else 10)
+    if few:
+        axes.yaxis.set_major_formatter("{x:g}")
 
 
 Quantity = str | Callable[[Fields], float] | Sequence[float]

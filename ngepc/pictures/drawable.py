@@ -227,6 +227,8 @@ def fields_of(source: object, name: str = "source", others: str = "") -> Fields:
     fields = source if isinstance(source, Fields) else getattr(source, "fields", None)
     if not isinstance(fields, Fields):
         inner = ", such as its .result" if hasattr(source, "result") else ""
+        if hasattr(source, "steps"):
+            inner = ", such as .steps[-1].fields of the last step"
         raise TypeError(
             f"{name}={in_words(source)}: {others}the result of a solver or its Fields are "
             f"needed{inner}"

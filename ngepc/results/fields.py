@@ -110,10 +110,10 @@ class Quantities:
         """Isotropic hardening variable alpha_1 = alpha_1,0 + k_1 H sigma_y |p|, scalar."""
         alpha_1, _ = self.problem.alpha_0
         growth = as_scalar(self.problem.material.scalar_growth)
-        return alpha_1 + growth * self.gained
+        return alpha_1 + growth * self._gained
 
     @property
-    def gained(self) -> CoefficientFunction:
+    def _gained(self) -> CoefficientFunction:
         """|p|, and for Hill's ellipsoid the measure that is dual to its own, scalar (1)."""
         problem = self.problem
         if problem.material.hill is None:
@@ -146,7 +146,7 @@ class Quantities:
     @property
     def accumulated_plastic_strain(self) -> CoefficientFunction:
         """PEEQ: the value of earlier steps plus (2/3)^(1/2) |p|, scalar (1)."""
-        return self.problem.accumulated_0 + PEEQ * self.gained
+        return self.problem.accumulated_0 + PEEQ * self._gained
 
     def plastic_zone(self, threshold: float = 0.0) -> CoefficientFunction:
         """1 where the plastic strain gained in this step has |p| > ``threshold``, 0 elsewhere."""

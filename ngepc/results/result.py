@@ -7,9 +7,18 @@ from functools import cached_property
 from html import escape
 
 import numpy as np
-from ngsolve import H1, CoefficientFunction, Grad, GridFunction, Norm, VectorH1
+from ngsolve import (
+    H1,
+    CoefficientFunction,
+    Grad,
+    GridFunction,
+    IfPos,
+    Integrate,
+    Norm,
+    VectorH1,
+)
 
-from ngepc.checks.sentences import in_percent
+from ngepc.checks.sentences import at_most_percent, in_percent
 from ngepc.discretisation.body import Iterate
 from ngepc.discretisation.finer import unresolved_data
 from ngepc.discretisation.gap_records import deepest_overlap, nearer_between_nodes
@@ -22,7 +31,7 @@ from ngepc.model.own import require_same_elements, require_same_mesh
 from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
 from ngepc.results.equilibrium import Equilibrium
-from ngepc.results.fields import Fields, Quantities
+from ngepc.results.fields import Fields, Quantities, frobenius
 from ngepc.results.outcome import Ending, History, Status
 
 FEW_FACETS = 4
@@ -37,6 +46,9 @@ DEEP = 0.01
 SMALL_STRAIN = 0.03
 SMALL_ROTATION = 0.05
 """Strain |eps(u)| and rotation (rad) above which the message warns of large deformations."""
+
+FEW_PLACES = 0.01
+"""Large strains in a smaller part of the body are called local."""
 
 
 class Result(Quantities, Ending):
@@ -360,7 +372,7 @@ class DiscreteSolution(Result):
         strain = self.largest_strain
         rotation = self.largest_rotation
         if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
-            found.append(large_motion(strain, rotation))
+            found.append(large_motion(strain, rotation, large_part(self.fields)))
         if touching and self.contact_facets < FEW_FACETS:
             nodes = "1 node" if touching == 1 else f"{touching} nodes"
             found.append(
@@ -399,11 +411,42 @@ def at_plastic_points(problem: Problem, value: CoefficientFunction) -> np.ndarra
     return np.asarray(value(mesh.MapToAllElements(rules, mesh.Materials(".*"))))
 
 
-def large_motion(strain: float, rotation: float) -> str:
-    """A remark on the error of linearised strains at the largest strain and rotation (rad)."""
+def large_part(fields: Fields) -> float:
+    """The part of the volume in which strains or rotations are not small."""
+    problem = fields.problem
+    slopes = Grad(fields.displacement)
+    turned = frobenius(slopes - slopes.trans) / 8**0.5
+    excess = IfPos(
+        frobenius(fields.strain) - SMALL_STRAIN, 1.0, turned - SMALL_ROTATION
+    )
+    weight = problem.kinematics.weight
+    part, whole = (
+        problem.processes.total(
+            Integrate(density, problem.mesh, element_wise=True).NumPy().sum()
+        )
+        for density in (weight * IfPos(excess, 1.0, 0.0), weight)
+    )
+    return float(part / whole)
+
+
+def large_motion(strain: float, rotation: float, part: float) -> str:
+    """A remark on the error of linearised strains at the largest strain and rotation (rad).
+
+    ``part`` is that of the volume in which one of them is large.  At corners and at edges of
+    contact they grow with every refinement, however small the loads are.
+    """
     spurious = rotation**2 / 2
-    return (
+    sizes = (
         f"Strains reach {in_percent(strain)} and rotations {rotation:.2g} rad, which is a spurious "
-        f"strain of {in_percent(spurious)}: the model is for small ones, and elongations, stresses "
-        "and forces may be wrong by as much."
+        f"strain of {in_percent(spurious)}"
+    )
+    limits = f"more than {in_percent(SMALL_STRAIN)} or {SMALL_ROTATION:g} rad"
+    if part < FEW_PLACES:
+        return (
+            f"{sizes}, but {limits} in {at_most_percent(part)} of the body only: at corners and "
+            "edges of contact they grow with every refinement."
+        )
+    return (
+        f"{sizes}, and {limits} in {in_percent(part)} of the body: the model is for small ones, "
+        "and elongations, stresses and forces may be wrong by as much."
     )

@@ -241,7 +241,8 @@ def _doubt(names: Sequence[str], condition: float) -> str:
     if condition <= ILL_CONDITIONED:
         return ""
     matrix = f"the condition number of the Gauss-Newton matrix is {condition:.2g}."
-    return f" The data do not identify all of {', '.join(names)}: {matrix}"
+    which = names[0] if len(names) == 1 else f"all of {', '.join(names)}"
+    return f" The data do not identify {which}: {matrix}"
 
 
 def _checked(

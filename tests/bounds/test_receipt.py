@@ -555,7 +555,10 @@ def test_a_damaged_file_fails(tmp_path, capsys):
     assert main(["check", str(path)]) == 1
     np.savez(path, header=json.dumps({"format": "another"}))
     assert main(["check", str(path)]) == 1
-    assert capsys.readouterr().out.count("FAIL") == 2
+    out = capsys.readouterr().out
+    assert out.count("FAIL") == 2
+    assert "no receipt" in out
+    assert "pickle" not in out
     write_receipt(semismooth_newton(CASES["pulled"](1)), path)
     assert main(["check", str(path)]) == 0
     assert "PASS" in capsys.readouterr().out

@@ -442,6 +442,14 @@ def test_ctrl_c_without_a_file_says_what_to_do_next_time(monkeypatch, capsys):
     assert err.count("\n") == 1
 
 
+def test_a_goal_that_is_zero_is_not_refined_to_a_percentage(capsys):
+    """Nothing touches in Example (b): its contact force is 0."""
+    assert main(["solve", "wrench", "--goal", "contact_force"]) == 1
+    written = capsys.readouterr()
+    assert "The contact_force is about 0" in written.out
+    assert written.err.count("nodes") == 1
+
+
 @pytest.mark.parametrize("asked", [{"goal": "work"}, {"error": 0.1}])
 def test_a_goal_or_an_error_refines_the_mesh(asked, monkeypatch):
     monkeypatch.setattr(work, "_refined", lambda args, problem: ("result", "bound"))

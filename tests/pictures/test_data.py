@@ -10,6 +10,7 @@ from ngepc.pictures.report import html_table
 from ngepc.pictures.sliders import load_size
 from ngepc.pictures.vtu import CELLS, is_turned
 from ngepc.pictures.wording import largest, number
+from ngepc.results.outcome import History, IterationRecord
 
 METAL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0
@@ -102,3 +103,19 @@ def test_step_lengths_are_drawn_over_powers_of_two():
     history = lshape_primal().history
     np.testing.assert_array_equal(steps, np.arange(1, len(history.records)))
     np.testing.assert_array_equal(lengths, history.step_lengths)
+
+
+@pytest.mark.parametrize("halvings", [0, 3, 5, 6, 7, 20])
+def test_step_lengths_on_an_axis_have_few_digits(halvings):
+    lengths = (1.0, 0.5**halvings, 1.0)
+    records = [
+        IterationRecord(iteration=k, residual_norm=1.0, step_length=t, halvings=0)
+        for k, t in enumerate(lengths)
+    ]
+    figure = plot_history(History(records))
+    axis = figure.axes[1].yaxis
+    low, high = axis.get_view_interval()
+    places = [place for place in axis.get_majorticklocs() if low <= place <= high]
+    words = axis.get_major_formatter().format_ticks(places)
+    assert len(words) > 1
+    assert all(len(word) <= 8 or word.startswith("$") for word in words)

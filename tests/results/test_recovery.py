@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from coordinates import deviator, tensor
-from ngsolve import CF, GridFunction, Id, IfPos, Integrate, Norm, ds, x, y, z
+from ngsolve import CF, GridFunction, Id, IfPos, Integrate, Norm, VectorH1, ds, x, y, z
 
 from ngepc import (
     Material,
@@ -21,7 +21,7 @@ from ngepc.geometries import block, lshape, ring, wrench
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import SolverError, Status
-from ngepc.results.result import Result
+from ngepc.results.result import Result, large_motion, large_part
 
 STEEL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
@@ -295,6 +295,41 @@ def test_large_strains_and_rotations_are_said_with_what_is_off(
     assert said == (strain > 0.03 or rotation > 0.05)
     if rotation > 0.05:
         assert "a spurious strain of 0.18 percent" in result.message
+
+
+@pytest.mark.parametrize(
+    ("slope", "part"),
+    [
+        ((0.031, 0.0), 0.25),
+        ((0.029, 0.0), 0.0),
+        ((0.0, 0.11), 0.25),
+        ((0.0, 0.02), 0.0),
+    ],
+)
+@pytest.mark.parametrize("kinematics", ["plane strain", "axisymmetric"])
+def test_large_strains_are_said_with_the_part_of_the_volume(slope, part, kinematics):
+    """Strained or sheared beyond x = 3/4; of a ring that is 1 - (3/4)^2 of the volume."""
+    mesh = block.structured_mesh(4, 1)
+    problem = Problem(mesh, STEEL, "clamped", kinematics=kinematics)
+    u = GridFunction(VectorH1(mesh, order=2))
+    beyond = IfPos(x - 0.75, x - 0.75, 0.0)
+    u.Set(CF((slope[0] * beyond, slope[1] * beyond)))
+    fields = Fields(problem, u, CF((0.0,) * problem.kinematics.d))
+    found = large_part(fields)
+    if kinematics == "axisymmetric":
+        part *= 1.75
+    assert found == pytest.approx(part, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [(0.25, "in 25 percent of the body"), (0.0034, "0.34 percent of")],
+)
+def test_large_strains_at_a_corner_are_called_local(part, words):
+    said = large_motion(0.71, 0.81, part)
+    assert words in said
+    assert ("the model is for small ones" in said) == (part > 0.01)
+    assert ("with every refinement" in said) == (part < 0.01)
 
 
 def test_gamma_takes_order_one_where_no_order_is_given_and_says_so():
