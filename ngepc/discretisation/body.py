@@ -48,6 +48,7 @@ SOFT = {False: 1e-4, True: 1e-3}
 and with friction.  With friction 1e-4 saves one Newton step of four, but 2 of 120 random problems
 failed."""
 
+DRIFT = 0.99  # part of a residual that comes from rigid motions if it is called drift
 SMALL = 1e-6  # smaller parts of the loads or of a motion count as zero
 
 
@@ -292,6 +293,23 @@ class Iterate:
         left = 4 * EPSILON * self.trial_forces
         return self._relative(left) if self.force_scale else 0.0
 
+    @property
+    def drifting(self) -> str:
+        """A message if all that is left moves a part as a rigid body."""
+        left = self.residual_norm
+        floating = self.body.floating
+        if left > SMALL or not floating.centres:
+            return ""
+        drift = floating.drift(self.free_residual)
+        if self._relative(self._processes.norm(drift)) < DRIFT * left:
+            return ""
+        centre = ", ".join(f"{c:.3g}" for c in floating.centres[-1])
+        return (
+            f"The part around ({centre}) is free to move as a rigid body, and {left:.2g} of the "
+            "forces move it: hold it, by friction or a support at a point. A tolerance above "
+            f"{1.1 * left:.2g} can be met."
+        )
+
     def _relative(self, size: float) -> float:
         """A force over ``force_scale``."""
         if size == 0 or self.force_scale == 0:  # an obstacle that pushes a body at rest
@@ -381,6 +399,17 @@ class Floating:
             return ""
         centre = ", ".join(f"{c:.3g}" for c in self.centres[-1])
         return f"Contact cannot hold the part around ({centre}) against its loads."
+
+    def drift(self, residual: np.ndarray) -> np.ndarray:
+        """The part of nodal forces, shape (nodes, N), that comes from rigid motions.
+
+        A Newton step in which nothing but the weak springs S resists leaves forces S z of a motion.
+        """
+        dot = self._contact.processes.dot
+        forces = np.moveaxis(self.springs[:, :, None] * self.motions, 2, 0)
+        gram = np.array([[dot(a, b) for b in forces] for a in forces])
+        work = np.array([dot(a, residual) for a in forces])
+        return np.tensordot(np.linalg.solve(gram, work), forces, 1)
 
     def undetermined(self, forces: np.ndarray) -> int:
         """Number of rigid motions that active and sticking rows do not prevent."""

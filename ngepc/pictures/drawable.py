@@ -5,9 +5,10 @@ Shared by matplotlib figures, webgui views and VTU files.
 
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap
@@ -50,6 +51,13 @@ KINDS = {
 
 Single components have names such as 'stress_xy'.
 """
+
+
+NEVER_NEGATIVE = (
+    "equivalent_plastic_strain",
+    "accumulated_plastic_strain",
+    "von_mises",
+)
 
 
 @dataclass(frozen=True)
@@ -198,6 +206,13 @@ def on_one_scale(
         part_of(fields_of(source), drawn.coefficient, drawn.inside, part)
         for source, drawn in pairs
     ]
+    if (
+        isinstance(field, str) and field in NEVER_NEGATIVE
+    ):  # linear in each element, values at corners may undershoot
+        corners = [
+            replace(sampled, values=np.maximum(sampled.values, 0.0))
+            for sampled in corners
+        ]
     limits = colour_scale(*corners, ends=ends, symmetric=colormap == SIGNED)
     return what, corners, ScalarMappable(limits, require_colours(cmap) or colormap)
 

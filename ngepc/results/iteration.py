@@ -39,6 +39,9 @@ FREE = 100.0
 SETTLED = 0.5
 """Near rounding, the run ends if a step leaves more than this fraction of the residual."""
 
+UNCHANGED = 0.99
+"""A run in which a part drifts ends if a step leaves more than this fraction of the residual."""
+
 QUADRATIC = 5.0
 """After a full step that divides the residual by more, w is set to the radial return."""
 
@@ -294,6 +297,8 @@ def end_of(
         )
     if before is not None and residual > SETTLED * before and residual <= here.rounding:
         return Status.STAGNATED, limited_by_rounding(here, f"After {steps} steps the")
+    if before is not None and residual > UNCHANGED * before and here.drifting:
+        return Status.STAGNATED, here.drifting
     if steps == max_iterations:
         return Status.ITERATION_LIMIT, (
             f"{steps} steps, relative residual {residual:.3g}, last step length "

@@ -88,6 +88,24 @@ def test_springs_at_points_hold_a_floating_body(solver):
 
 
 @both
+def test_a_part_that_drifts_is_said_and_its_stresses_are_right(solver):
+    """A block on a smooth floor: nothing balances a small force along the floor."""
+
+    def lying(force):
+        weight = (force, -1.0)
+        floor = {"contact": "clamped", "gap": 0.0}
+        return Problem(SQUARE, ELASTIC, None, body_force=weight, **floor)
+
+    still, drifting = (solver(lying(force)) for force in (0.0, 1e-8))
+    assert still.status is Status.CONVERGED
+    assert drifting.status is Status.STAGNATED
+    assert drifting.iterations <= still.iterations + 2
+    assert "around (0.5, 0.5) is free to move as a rigid body" in drifting.message
+    forces = drifting.nodal_contact_forces
+    np.testing.assert_allclose(forces, still.nodal_contact_forces, atol=1e-7)
+
+
+@both
 def test_stiff_springs_approach_a_clamped_boundary(solver):
     load = {"right": (1.0, 0.5)}
     held = Problem(SQUARE, STEEL, "left", load, order=1)

@@ -4,9 +4,19 @@ import numpy as np
 import pytest
 from solved import lshape_primal
 
-from ngepc import Material, Problem, plot_field, plot_history, semismooth_newton
+from ngepc import (
+    Material,
+    Problem,
+    evolve,
+    load_cycle,
+    plot_field,
+    plot_history,
+    semismooth_newton,
+)
 from ngepc.geometries import block
+from ngepc.pictures.drawable import NEVER_NEGATIVE, PLAIN, on_one_scale
 from ngepc.pictures.report import html_table
+from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.sliders import load_size
 from ngepc.pictures.vtu import CELLS, is_turned
 from ngepc.pictures.wording import largest, number
@@ -90,6 +100,22 @@ def test_three_panels_of_a_long_body_fit_on_a_page():
     width, height = figure.get_size_inches()
     assert width <= 3 * 3.6 + 1.0
     assert 0.5 < height < 4.0
+
+
+def test_quantities_that_are_never_negative_are_drawn_from_zero():
+    """Those of earlier steps are polynomials through the points, and undershoot at corners."""
+    mesh = block.structured_mesh(6, 3, size=(2.0, 1.0))
+    metal = Material.metal(
+        young=1e3, poisson=0.3, yield_stress=1.0, tangent_modulus=100.0
+    )
+    bent = Problem(mesh, metal, "left", traction={"right": (0.0, 0.25)})
+    fields = evolve(bent, load_cycle(bent, [1.0, 0.0], steps=2)).steps[-1].fields
+    assert corners_of(fields, fields.accumulated_plastic_strain).values.min() < 0
+    for name in NEVER_NEGATIVE:
+        _, (sampled,), colours = on_one_scale([fields], name, PLAIN, (None, None))
+        assert sampled.values.min() >= 0
+        assert colours.norm.vmin == 0
+        assert colours.norm.extend in ("neither", "max")
 
 
 def test_step_lengths_are_drawn_over_powers_of_two():
