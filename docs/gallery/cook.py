@@ -59,9 +59,7 @@ def main(out: Path, coarse: bool = False) -> str:
         axes.legend(fontsize=8, frameon=False)
 
     def body(axes):
-        plot_field(
-            yielding, axes=axes, deformation_scale=0.3, title="displacement x 0.3"
-        )
+        plot_field(yielding, axes=axes, deformation_scale=0.3)
 
     save(beside(curve, body), out, "cook")
     return f"cook: {line}, where it yields tip {tip(yielding):.5g} (J + J* = {gap:.0e} |J|)"

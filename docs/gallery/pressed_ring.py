@@ -80,7 +80,7 @@ def main(out: Path, coarse: bool = False) -> str:
         axes.legend(fontsize=8, frameon=False)
 
     def body(axes):
-        plot_field(last, axes=axes, deformation_scale=200, title="displacement x 200")
+        plot_field(last, axes=axes, deformation_scale=200)
 
     save(beside(curves, body), out, "pressed_ring")
     return f"pressed ring: {line}, relative error of u {error:.2g}"

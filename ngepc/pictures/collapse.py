@@ -170,7 +170,7 @@ def plot_residual_stress(limit: ShakedownLoad, *, axes: Axes | None = None) -> F
     label = "deviator of the residual stress / yield bound"
     axes.figure.colorbar(colours, ax=axes, label=label)
     ends = " and ".join(outward(limit.lower, limit.upper, 5))
-    axes.set_title(f"factor of the loads that vary between {ends}")
+    axes.set_title(f"shakedown factor between {ends}")
     axes.set(xlabel="x", ylabel="y", aspect="equal")
     axes.grid(False)
     return axes.figure

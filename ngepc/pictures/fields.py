@@ -77,7 +77,8 @@ def plot_field(
         Ends of the colour scale; by default percentiles (``colour_scale``), with arrows on the
         colour bar where values lie outside.
     title, mesh_lines, units
-        Title (by default how the problem was solved), whether to draw the mesh, units.
+        Title (by default how the problem was solved; behind it the factor on the displacement,
+        if it is not 1), whether to draw the mesh, units.
     view
         Where solids are seen from: degrees around the z axis and above the xy plane.
     body
@@ -279,13 +280,20 @@ class Drawing(Declared):
         for axes, (title, source), sampled in zip(
             panels, sources.items(), corners, strict=True
         ):
-            axes.set_title(title or _method(source))
+            axes.set_title(self.caption(title or _method(source)))
             fields = fields_of(source)
             if fields.problem.N == 3:
                 self._draw_solid(axes, fields, sampled, colours)
             else:
                 self._draw_plane(axes, fields, sampled, colours)
         return panels
+
+    def caption(self, title: str) -> str:
+        """The title of a body, with the factor of its displacements where they are not true."""
+        if self.deformation_scale in (0.0, 1.0):
+            return title
+        enlarged = f"displacements x {self.deformation_scale:g}"
+        return f"{title} ({enlarged})" if title else enlarged
 
     def _mesh_edges(self, fields: Fields) -> np.ndarray | None:
         """The deformed edges of the mesh, if they are to be drawn."""

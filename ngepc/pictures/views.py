@@ -152,7 +152,7 @@ def show(
     drawn = any(p.N == 2 and p.touching_names for p in problems)
     lines = legend_of_lines() if drawn else ""
     contents = {"captions": captions, "labels": labels, "panels": panels}
-    return _page(contents, title, name, image, lines)
+    return _page(contents, drawing.caption(title), name, image, lines)
 
 
 def _page(contents: dict, title: str, name: str, legend: str, lines: str) -> View:

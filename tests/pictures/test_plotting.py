@@ -427,6 +427,14 @@ def test_titles_say_how_the_problem_was_solved():
     assert plot_field(source).axes[0].get_title() == "gamma = 1000"
     assert plot_plastic_zone(source).axes[0].get_title().endswith("\ngamma = 1000")
     assert plot_field(source, title="mine").axes[0].get_title() == "mine"
+    large = {"deformation_scale": 20.0}
+    assert plot_field(source, title="mine", **large).axes[0].get_title() == (
+        "mine (displacements x 20)"
+    )
+    assert (
+        "displacements x 20" in plot_plastic_zone(source, **large).axes[0].get_title()
+    )
+    assert "displacements" not in plot_mesh(source).axes[0].get_title()
 
 
 def deuteranopia(colour):
