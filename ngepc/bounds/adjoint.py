@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ngepc.bounds.contact import BUBBLE, NORMAL_PASSES
+from ngepc.bounds.adjoint_conditions import ROUNDING, AdjointConditions
 from ngepc.bounds.data import (
     AdjointStress,
     BoundData,
@@ -26,6 +26,7 @@ from ngepc.bounds.data import (
 )
 from ngepc.bounds.goal_terms import GoalTerms
 from ngepc.bounds.held import RigidWorks, limited_pressure
+from ngepc.bounds.held_rows import Held, HeldRows
 from ngepc.bounds.supremum import dots
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.secants import Compliance
@@ -46,9 +47,6 @@ UNMOVED = 1e-5
 """Forces that count as small, relative to those that hold the displacements."""
 UNSOLVED = 1e-9
 """A solve that leaves more than this part of them is repeated for what it leaves."""
-ROUNDING = 1e-10  # tolerance of the conditions before a node is changed
-VIOLATED = 1e-6
-"""The largest violation of the conditions that is left; intervals are widened by it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,17 +71,6 @@ class Adjoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
-    """A solution of the tangent problem with contact rows that are held, and those not.
-
-    ``z`` (nodes, N) are displacements, ``forces`` (rows,) what the rows do to them.
-    """
-
-    z: np.ndarray
-    forces: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class Start:
     """The adjoint of a goal without conditions on open rows.
 
@@ -96,125 +83,6 @@ class Start:
     lift: np.ndarray
     wanted: np.ndarray
     base: Held
-
-
-class AdjointConditions:
-    """The conditions |c - z . n| <= lambda gap of adjoints, for the ``slack`` of a displacement."""
-
-    def __init__(self, bound_data: BoundData, slack: np.ndarray) -> None:
-        self.bound_data = bound_data
-        self.slack = slack
-
-    def repaired(
-        self, goal: GoalTerms, z: np.ndarray, factor: float, rounding: float = ROUNDING
-    ) -> tuple[np.ndarray, float]:
-        """Change z such that |c - z . n| <= lambda gap everywhere; return z and the least lambda.
-
-        ``rounding`` is the tolerance of the conditions.
-
-        At a vertex that is both supported and in contact z cannot be changed; lambda may then be
-        infinite.
-        """
-        z = z.copy()
-        contact = self.bound_data.contact
-        N = self.bound_data.cells.N
-        for _ in range(NORMAL_PASSES):
-            mismatch = self.mismatch(goal, z)[:, :N]
-            most = factor * self.slack[:, :N]
-            beyond = mismatch - np.clip(mismatch, -most, most)
-            rounded = rounding * self.scale(goal, z)
-            if np.abs(beyond).max(initial=0.0) <= rounded:
-                break
-            for end in range(N):
-                mismatch = self.mismatch(goal, z)[:, end]
-                most = factor * self.slack[:, end]
-                more = mismatch - np.clip(mismatch, -most, most)
-                # the facets around a vertex have different conditions: one that is
-                # satisfied but for rounding must not undo what another one asks for
-                more[np.abs(more) <= rounded] = 0.0
-                contact.shift(z, end, more, 1.0)
-        if self.bound_data.problem.order == 2:
-            self._repair_edges(goal, z, factor, rounding)
-        return z, self.least(goal, z, factor)
-
-    def _repair_edges(
-        self, goal: GoalTerms, z: np.ndarray, factor: float, rounding: float
-    ) -> None:
-        """Change z at edges until the conditions hold between the vertices."""
-        contact = self.bound_data.contact
-        N = self.bound_data.cells.N
-        rounded = rounding * self.scale(goal, z)
-        for _ in range(NORMAL_PASSES):
-            most = 0.0
-            for k in range(contact.nodes.shape[1] - N):
-                low, high = self._middles(goal, z, factor)
-                middle = contact.edge_coefficients(self.mismatch(goal, z))
-                more = (middle - np.clip(middle, low, np.maximum(low, high)))[:, k]
-                more[np.abs(more) <= rounded] = 0.0
-                contact.shift(z, N + k, 2 * more, BUBBLE)
-                most = max(most, np.abs(more).max(initial=0.0))
-            if most == 0.0:
-                break
-
-    def mismatch(self, goal: GoalTerms, z: np.ndarray) -> np.ndarray:
-        """c - z . n at ``ContactFacets.nodes``, shape (facets, nodes)."""
-        contact = self.bound_data.contact
-        mismatch = -contact.along(z)
-        mismatch[:, : self.bound_data.cells.N] += goal.factor[:, None]
-        return mismatch
-
-    def _middles(
-        self, goal: GoalTerms, z: np.ndarray, factor: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the edge coefficients of c - z . n for displacements of order two.
-
-        A parabola with Bernstein coefficients a, m, b is nonnegative if a, b >= 0 and
-        m >= -(a b)^(1/2); a quadratic function on a triangle, if all coefficients are >= 0.
-        """
-        slack = self.slack
-        middle = factor * self.bound_data.contact.edge_coefficients(slack)
-        if self.bound_data.cells.N == 3:
-            return -middle, middle
-        mismatch = self.mismatch(goal, z)[:, :2]
-        above = np.maximum(factor * slack[:, :2] - mismatch, 0.0)
-        below = np.maximum(factor * slack[:, :2] + mismatch, 0.0)
-        high = middle + np.sqrt(above.prod(axis=1))[:, None]
-        low = -middle - np.sqrt(below.prod(axis=1))[:, None]
-        return low, high
-
-    def scale(self, goal: GoalTerms, z: np.ndarray) -> float:
-        """The size of the terms of the conditions."""
-        contact = self.bound_data.contact
-        largest = np.abs(z[contact.nodes]).max(initial=0.0)
-        return float(np.abs(goal.factor).max(initial=0.0) + largest)
-
-    def violation(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
-        """By how much the conditions are violated, a bound of the largest |c - z . n| - lambda gap.
-
-        Slacks at vertices that are negative because of rounding count as zero.
-        """
-        N = self.bound_data.cells.N
-        mismatch = self.mismatch(goal, z)
-        missed = np.abs(mismatch[:, :N]) - factor * self.slack[:, :N]
-        worst = missed.max(initial=0.0)
-        if self.bound_data.problem.order == 2 and len(mismatch):
-            low, high = self._middles(goal, z, factor)
-            middle = self.bound_data.contact.edge_coefficients(mismatch)
-            worst = max(worst, (low - middle).max(), (middle - high).max())
-        return float(worst)
-
-    def enough(self, goal: GoalTerms) -> float:
-        """The lambda for which z = 0 satisfies the conditions; infinite where a vertex touches."""
-        there = np.abs(goal.factor) > 0
-        gap = self.slack[there, : self.bound_data.cells.N].min(axis=1)
-        if (gap <= 0).any():
-            return np.inf
-        return float((np.abs(goal.factor[there]) / gap).max(initial=0.0))
-
-    def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
-        """``factor`` if the conditions hold up to rounding, else infinity."""
-        allowed = VIOLATED * self.scale(goal, z)
-        return factor if self.violation(goal, z, factor) <= allowed else np.inf
 
 
 class AdjointProblem(AdjointConditions):
@@ -246,18 +114,17 @@ class AdjointProblem(AdjointConditions):
         self.tangent = tangent
         rows = bound_data.discrete.rows
         conditions = bound_data.discrete.contact
-        self._rows = conditions.matrix.tocsr()
         self._normals = len(rows)
         count = len(conditions)
         of_friction = bound_data.tangential(state)
         used = np.linalg.norm(of_friction, axis=2)
         self._spare = np.maximum(bound_data.boundary.friction - used, 0.0)
         error = max(error, ROUNDING**2)  # that of an exact solution may be negative
-        self.tolerance = min(LOOSEST, HELD * math.sqrt(error / max(count, 1)))
+        tolerance = min(LOOSEST, HELD * math.sqrt(error / max(count, 1)))
         if compliance is None:
             compliance = bound_data.discrete.compliance()
         compliance.restart()
-        self._compliance = compliance
+        self.rows = HeldRows(conditions.matrix.tocsr(), tangent, compliance, tolerance)
         self._lower: AdjointProblem | None = None
         if bound_data.lower is not None:
             self._lower = AdjointProblem(
@@ -271,33 +138,6 @@ class AdjointProblem(AdjointConditions):
         if self._motions.shape[2]:
             self._works = RigidWorks(bound_data.contact, self._motions)
 
-    def held(self, start: Held, chosen: np.ndarray, values: np.ndarray) -> Held:
-        """``start`` with other forces of the ``chosen`` rows (as booleans), which have ``values``.
-
-        The compliance of the rows is learned from each product with it, see ``secants``.
-        """
-        z = start.z
-        forces = start.forces
-        places = np.flatnonzero(chosen)
-        if not len(places):
-            return start
-        block = None
-        for _ in range(len(places) + 3):
-            off = self._rows[places] @ z.ravel() - values[places]
-            size = max(np.abs(z).max(), np.abs(values).max())
-            if np.abs(off).max() <= self.tolerance * size:
-                break
-            block = self._compliance.block(places)
-            change = np.zeros(len(forces))
-            change[places] = np.linalg.solve(block, off)
-            answer = self.tangent.solve((self._rows.T @ change).reshape(z.shape))
-            if not self._compliance.learn(change, self._rows @ answer.ravel()):
-                self._compliance.restart()
-                self._compliance.learn(change, self._rows @ answer.ravel())
-            z = z - answer
-            forces = forces + change
-        return Held(z, forces)
-
     def start(self, goal: GoalTerms) -> Start:
         """The adjoint of a goal without conditions on open rows, for all lambda."""
         discrete = self.bound_data.discrete
@@ -307,9 +147,9 @@ class AdjointProblem(AdjointConditions):
             strain = discrete.points.strain(lift)
             pulled = discrete.points.forces(*self.tangent.moduli.stress(*strain))
             forces = forces - pulled - discrete.supports.pull(lift)
-        wanted = np.zeros(self._rows.shape[0])
+        wanted = np.zeros(self.rows.matrix.shape[0])
         wanted[: self._normals] = self.of_rows(goal)
-        wanted -= self._rows @ lift.ravel()
+        wanted -= self.rows.matrix @ lift.ravel()
         start = Start(goal, forces, lift, wanted, self.pressed_rows(forces, wanted))
         self._check_held(start)
         return start
@@ -329,7 +169,7 @@ class AdjointProblem(AdjointConditions):
     def pressed_rows(self, forces: np.ndarray, wanted: np.ndarray) -> Held:
         """The solution for forces (nodes, N) with values of the active rows alone."""
         free = Held(self.tangent.solve(forces), np.zeros(len(wanted)))
-        return self.held(free, self.presses, wanted)
+        return self.rows.held(free, self.presses, wanted)
 
     def energy(self, start: Start) -> float:
         """Half the energy of the adjoint without conditions on open rows, in the tangent's law."""
@@ -420,14 +260,14 @@ class AdjointProblem(AdjointConditions):
         chosen = self.presses.copy()
         values = wanted.copy()
         for _ in range(HOLDS):
-            mismatch = wanted - self._rows @ found.z.ravel()
+            mismatch = wanted - self.rows.matrix @ found.z.ravel()
             most = factor * gap * (1 + ROUNDING)
             more = ~chosen & (np.abs(mismatch) > most + ROUNDING * np.abs(wanted))
             if not more.any():
                 break
             values[more] = wanted[more] - np.sign(mismatch[more]) * factor * gap[more]
             chosen |= more
-            found = self.held(found, chosen, values)
+            found = self.rows.held(found, chosen, values)
         return found.z
 
     def _pressed(self, start: Start, factor: float) -> tuple[np.ndarray, np.ndarray]:
@@ -435,23 +275,12 @@ class AdjointProblem(AdjointConditions):
 
         Their forces are at most lambda P, and lambda times what friction has left.
         """
-        most = self._most(factor)
-        fixed = np.zeros(len(start.wanted), dtype=bool)
-        found = start.base
-        for _ in range(HOLDS):
-            mu = found.forces
-            more = self.presses & ~fixed & (np.abs(mu) > most * (1 + ROUNDING))
-            if not more.any():
-                break
-            fixed |= more
-            change = np.where(more, np.clip(mu, -most, most) - mu, 0.0)
-            answer = self.tangent.solve((self._rows.T @ change).reshape(found.z.shape))
-            self._compliance.learn(change, self._rows @ answer.ravel())
-            found = Held(found.z - answer, mu + change)
-            found = self.held(found, self.presses & ~fixed, start.wanted)
+        forces = self.rows.limited(
+            start.base, self.presses, start.wanted, self._most(factor)
+        )
         contact = self.bound_data.contact
         rows = self.bound_data.discrete.rows
-        normal, along = np.split(found.forces, [self._normals])
+        normal, along = np.split(forces, [self._normals])
         if not len(along):
             return contact.stresses(normal), np.zeros(
                 (*self.P.shape, rows.normals.shape[1])

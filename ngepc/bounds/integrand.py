@@ -34,6 +34,7 @@ from ngepc.bounds.sub_elements import SubElements
 from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots
 from ngepc.bounds.supremum_of_laws import NonlinearLaw
 from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
+from ngepc.bounds.whole_cells import whole_integrals
 from ngepc.bounds.yielding import mean_of
 from ngepc.discretisation.law import Law
 from ngepc.discretisation.overlay_law import OverlayLaw
@@ -66,9 +67,21 @@ class Side:
 
     def bounds(self, count: int) -> np.ndarray:
         """Integrals over ``count`` cells from above."""
-        rest = np.bincount(self.cell, self.rest, minlength=count)
-        parts = self.volume, self.cell
-        found = potential_integrals(self.law, self.pulled, self.w, parts, rest)
+        result = np.bincount(self.cell, self.rest, minlength=count)
+        parts = len(self.cell) // count
+        first = np.s_[::parts]
+        pulled = self.pulled.reshape(count, parts, *self.pulled.shape[1:])
+        law = self.law.of_points(first)
+        volume = parts * self.volume[first]
+        whole = whole_integrals(law, pulled, self.w[first, 0], volume, result)
+        known = np.isfinite(whole)
+        result[known] += whole[known]
+        left = np.flatnonzero(~known[self.cell])
+        of_parts = self.volume[left], self.cell[left]
+        law = self.law.of_points(left)
+        found = potential_integrals(
+            law, self.pulled[left], self.w[left], of_parts, result
+        )
         return np.maximum(found, 0.0)
 
 

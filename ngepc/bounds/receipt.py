@@ -17,7 +17,7 @@ from ngsolve import CF, ET, VOL, IntegrationRule
 
 from ngepc._version import __version__
 from ngepc.bounds import check_goal
-from ngepc.bounds.adjoint import AdjointConditions
+from ngepc.bounds.adjoint_conditions import AdjointConditions
 from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state, state_of
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.check_receipt import FORMAT

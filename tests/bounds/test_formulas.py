@@ -18,7 +18,8 @@ from ngepc import (
     write_receipt,
 )
 from ngepc.bounds import check_goal, check_receipt, receipt, receipt_file
-from ngepc.bounds.adjoint import AdjointConditions, AdjointProblem
+from ngepc.bounds.adjoint import AdjointProblem
+from ngepc.bounds.adjoint_conditions import AdjointConditions
 from ngepc.bounds.bound import bound_data_of
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.data import BALANCED, balanced_stress
