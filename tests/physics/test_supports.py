@@ -389,17 +389,18 @@ def test_what_does_not_take_them_says_so():
     force = Problem(
         SQUARE, STEEL, "left", {Point((1.0, 1.0)): (0, 1)}, kinematics="two-dimensional"
     )
-    corner = Problem(SQUARE, STEEL, "left", contact="contact", gap=0.0)
     for problem, named in (
         (roller, r"prescribed\['clamped'\]=Roller"),
         (springs, r"springs\[Point\(where=\(1.0, 1.0\)\)\]"),
         (force, r"traction\[Point\(where=\(1.0, 1.0\)\)\]"),
-        (corner, "contact='contact': .* contact away from the clamped boundary"),
     ):
         with pytest.raises(ValueError, match=named):
             semismooth_newton(problem, gamma=1e3)
         with pytest.raises(ValueError, match=named):
             error_bound(semismooth_newton(problem))
+    corner = Problem(SQUARE, STEEL, "left", contact="contact", gap=0.0)
+    with pytest.raises(ValueError, match="contact away from the clamped boundary"):
+        semismooth_newton(corner, gamma=1e3)
 
 
 def test_derivatives_with_an_oblique_roller():
