@@ -319,8 +319,8 @@ class AdjointProblem(AdjointConditions):
         other.patches = copy(bound_data.patches)
         length = bound_data.cells.measure.max() ** (1 / (N - 1))
         stiff = discrete.law.bulk.max() * length ** (N - 2)
-        smallest = UNMOVED * stiff * np.abs(near).max(initial=0.0)
-        other.patches.smallest = smallest
+        holding = max(stiff * np.abs(near).max(initial=0.0), np.abs(forces).max())
+        other.patches.smallest = smallest = UNMOVED * holding
         left = self.left_by(found, forces)
         if np.abs(left).max() > UNSOLVED * smallest:
             near = near + self.answer(left)

@@ -107,19 +107,32 @@ class ContactFacets:
             self._hats = np.column_stack([self._hats, BUBBLE * bubbles])
         self._start = initial_displacements(self.problem, discrete.supports)
         rows = discrete.rows
-        corners = c.facets[on].ravel()
         numbers = np.flatnonzero(rows.nodes < len(c.points))
-        shape = (len(c.points), len(rows))
         at = rows.nodes[numbers], numbers
+        shape = (len(c.points), len(rows))
         of_vertices = csr_matrix((np.ones(len(numbers)), at), shape)
         self._gathered = gathered(rows, of_vertices)
-        corner, row = of_vertices[corners].nonzero()
-        cosine = np.einsum("ic,ic->i", rows.normals[row], self.normal[corner // self.N])
+        self.row_of = self._rows_at(c.facets[on])
+
+    def _rows_at(self, nodes: np.ndarray) -> np.ndarray:
+        """The contact rows of some nodes of the facets (facets, .), as in ``row_of``."""
+        rows = self.discrete.rows
+        count = 1 + max(nodes.max(initial=0), rows.nodes.max(initial=0))
+        at = rows.nodes, np.arange(len(rows))
+        of_nodes = csr_matrix((np.ones(len(rows)), at), shape=(count, len(rows)))
+        place, row = of_nodes[nodes.ravel()].nonzero()
+        normal = np.repeat(self.normal, nodes.shape[1], axis=0)[place]
+        cosine = np.einsum("ic,ic->i", rows.normals[row], normal)
         # comes last, so that it overwrites the others
         nearest = np.argsort(-cosine, kind="stable")[::-1]
-        self.row_of = np.full(len(corners), -1)
-        self.row_of[corner[nearest]] = row[nearest]
-        self.row_of = self.row_of.reshape(-1, self.N)
+        found = np.full(nodes.size, -1)
+        found[place[nearest]] = row[nearest]
+        return found.reshape(nodes.shape)
+
+    def resultants(self, forces: np.ndarray) -> np.ndarray:
+        """The part of each facet, (facets,), in forces of the rows, which act on equal areas."""
+        values = np.append(forces / self.discrete.rows.weights, 0.0)
+        return self.measure * values[self._rows_at(self.nodes)].mean(axis=1)
 
     def moments(self, values: np.ndarray) -> np.ndarray:
         """Moments of affine functions, given at vertices (facets, N, .), at ``nodes``."""

@@ -165,10 +165,7 @@ class GoalTerms:
         forces = np.maximum(state.multipliers, 0.0)
         if (self.factor == 1).all():
             return value + float(forces.sum())
-        pressed = bound_data.contact.pressure(forces)
-        moments = bound_data.contact.moments(pressed[:, :, None])
-        pushed = moments[:, : bound_data.cells.N, 0].sum(axis=1)
-        return value + float(self.factor @ pushed)
+        return value + float(self.factor @ bound_data.contact.resultants(forces))
 
 
 def terms_of(goal: object, bound_data: BoundData) -> GoalTerms:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from campaigns.crossings import finer
 from campaigns.intervals import drawn
-from ngsolve import CF, Integrate, x, y
+from ngsolve import CF, Integrate, Mesh, x, y
 
 from ngepc import (
     ContactForceOn,
@@ -191,12 +191,42 @@ def test_the_reaction_balances_the_load():
         assert found.discrete == pytest.approx(value, rel=1e-6)
 
 
+def test_a_reaction_on_needles():
+    """The support of a plate of 0.001 x 0.7 moves by one; the forces of that cancel."""
+    mesh = block.mesh(0.4, (1.0, 0.7))
+    for point in mesh.ngmesh.Points():
+        point[0] = 0.001 * point.p[0]
+    problem = Problem(
+        Mesh(mesh.ngmesh), MATERIAL, "left", {"contact": (0.3, 0.2)}, order=1
+    )
+    result = semismooth_newton(problem)
+    for component, force in enumerate((0.3, 0.2)):
+        found = goal_bound(result, Reaction("left", component))
+        assert found.lower <= -0.001 * force <= found.upper
+        assert found.percent < 0.1
+
+
 def test_a_reaction_whose_adjoint_is_nearly_a_rigid_motion():
     """Where all yields, nearly incompressible, one solve leaves 3e-13 of the forces."""
     problem, _ = drawn(2, "order 2", 50)
     found = goal_bound(semismooth_newton(problem), Reaction("clamped", 0))
     assert found.lower <= found.discrete <= found.upper
     assert found.percent < 1e-3
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_forces_on_two_sides_are_those_of_their_rows(order):
+    gaps = {"contact": 1e-4, "left": 1e-4}
+    square = block.structured_mesh(3, 3, simplices=True)
+    pushed = {"right": (-2.0, 1.0)}
+    given = {"contact": "contact|left", "gap": gaps, "order": order}
+    result = semismooth_newton(Problem(square, MATERIAL, traction=pushed, **given))
+    upward = result.rows.normals[:, 1] > 0.5
+    for name, rows in {"contact": upward, "left": ~upward}.items():
+        force = result.nodal_contact_forces[rows].sum()
+        assert force > 0.1
+        found = goal_bound(result, ContactForceOn(name))
+        assert found.discrete == pytest.approx(force, rel=1e-9)
 
 
 @pytest.mark.parametrize("order", [1, 2])
