@@ -17,7 +17,7 @@ from ngsolve import GridFunction
 
 import ngepc
 from ngepc.bounds import check_goal
-from ngepc.bounds.adaptive import MeshRecord, solve_to
+from ngepc.bounds.adaptive import BoundedResult, MeshRecord, solve_to
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.checks.sentences import at_most_percent, outward
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
@@ -31,6 +31,7 @@ from ngepc.limit.shakedown import shakedown_load
 from ngepc.model.problem import Problem
 from ngepc.pictures import live
 from ngepc.pictures.collapse import plot_bracket, plot_mechanism, plot_residual_stress
+from ngepc.pictures.intervals import plot_interval
 from ngepc.pictures.monitors import progress_line
 from ngepc.pictures.report import standard_figures, write_report
 from ngepc.pictures.style import save_figure
@@ -49,7 +50,7 @@ from ngepc.studies.work import Work
 
 HOPELESS = 1e3
 """An interval wider than this times its middle is not refined to a percentage."""
-FINGERPRINT = {"kind": "run of ngepc solve", "version": 4}
+FINGERPRINT = {"kind": "run of ngepc solve", "version": 5}
 NUMBERS = {
     "status": "status",
     "iterations": "Newton steps",
@@ -76,7 +77,7 @@ def solve(args: argparse.Namespace) -> int:
     check_targets(args.json, args.save)
     if args.figures is not None:
         check_folder(args.figures)
-    result, seconds, bound = _solution(args)
+    result, seconds, bound, run = _solution(args)
     record = {
         **records.solve_record(args.problem, result, seconds),
         "method": args.method if args.gamma is None else "paper",
@@ -85,8 +86,13 @@ def solve(args: argparse.Namespace) -> int:
         "error_asked": args.error,
         "error_bound": None,
         "guaranteed": None,
+        "goal_lower": None,
+        "goal_upper": None,
         **records.provenance(),
     }
+    goal = None if run is None else run.goal
+    if goal is not None:
+        record |= {"goal_lower": goal.lower, "goal_upper": goal.upper}
     error = "not bounded"
     if bound is not None:
         record["error_bound"] = bound.relative
@@ -101,6 +107,8 @@ def solve(args: argparse.Namespace) -> int:
         how = f"resume with: {record['command']} --start {args.save}"
     if args.figures is not None:
         figures = standard_figures(result, THRESHOLDS[args.problem])
+        if goal is not None:
+            figures["interval"] = plot_interval(run)
         written += saved_figures(figures, args.figures, args.problem)
     if not args.quiet and str(args.json) != "-":
         name_written(written)
@@ -149,13 +157,18 @@ def saved_figures(figures: dict, folder: Path, start: str) -> list[Path]:
     ]
 
 
-def _solution(args: argparse.Namespace) -> tuple[Result, float, ErrorBound | None]:
-    """The result, the seconds it took, and the bound of the energy error of solutions."""
+def _solution(
+    args: argparse.Namespace,
+) -> tuple[Result, float, ErrorBound | None, BoundedResult | None]:
+    """The result, the seconds it took, and the bound of the energy error of solutions.
+
+    The last one is the run of ``--error`` or ``--goal``, None without them.
+    """
     problem = example(args.problem, args.nodes, args.maxh)
     begin = time.perf_counter()
     if args.goal is not None or args.error is not None:
-        result, bound = _refined(args, problem)
-        return result, time.perf_counter() - begin, bound
+        result, run = _refined(args, problem)
+        return result, time.perf_counter() - begin, run.bound, run
     options = NewtonOptions(**given(args, NEWTON))
     method = args.method if args.gamma is None else args.gamma
     start = _start(args, method, options)
@@ -164,11 +177,13 @@ def _solution(args: argparse.Namespace) -> tuple[Result, float, ErrorBound | Non
         result = solved_by(method, problem, start, options, line)
     seconds = time.perf_counter() - begin
     solution = result.status.is_success and not hasattr(result, "regularisation")
-    return result, seconds, error_bound(result) if solution else None
+    return result, seconds, error_bound(result) if solution else None, None
 
 
-def _refined(args: argparse.Namespace, problem: Problem) -> tuple[Result, ErrorBound]:
-    """The result on the last mesh for ``--error`` or ``--goal``, and its error bound."""
+def _refined(
+    args: argparse.Namespace, problem: Problem
+) -> tuple[Result, BoundedResult]:
+    """The result on the last mesh for ``--error`` or ``--goal``, and the run."""
     report = reporter(args.quiet)
     hopeless = ""
 
@@ -196,7 +211,7 @@ def _refined(args: argparse.Namespace, problem: Problem) -> tuple[Result, ErrorB
     if result.status.is_success and not bounded.reached:
         ending = hopeless or bounded.message
         result = replace(result, status=Status.MESH_LIMIT, ending=ending)
-    return result, bounded.bound
+    return result, bounded
 
 
 def _start(

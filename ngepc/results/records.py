@@ -22,7 +22,7 @@ from ngsolve import InnerProduct, Integrate
 from ngepc._version import __version__
 from ngepc.results.files import replace_contents
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the list: it grows if a field changes its meaning or is removed."""
 
 FIELDS = {
@@ -51,6 +51,8 @@ FIELDS = {
     "error_asked": "relative energy error asked for with --error, else null",
     "error_bound": "bound of the relative energy error; null for regularised states",
     "guaranteed": "whether error_bound is proved; false where data are known from samples",
+    "goal_lower": "lower end of the interval of --goal, else null",
+    "goal_upper": "upper end of the interval of --goal, else null",
     "version": "of ngepc",
     "ngsolve": "version",
     "numpy": "version",

@@ -450,9 +450,18 @@ def test_a_goal_that_is_zero_is_not_refined_to_a_percentage(capsys):
     assert written.err.count("nodes") == 1
 
 
+def test_a_goal_has_its_interval_in_record_and_picture(tmp_path, capsys):
+    asked = ["lshape", "--nodes", "225", "--goal", "contact_force", "--percent", "10"]
+    record = record_of(capsys, *asked, "--figures", str(tmp_path))
+    assert record["goal_lower"] < 2.742 < record["goal_upper"]
+    assert record["goal_upper"] - record["goal_lower"] < 0.2 * record["goal_upper"]
+    assert (tmp_path / "lshape_interval.png").is_file()
+
+
 @pytest.mark.parametrize("asked", [{"goal": "work"}, {"error": 0.1}])
 def test_a_goal_or_an_error_refines_the_mesh(asked, monkeypatch):
-    monkeypatch.setattr(work, "_refined", lambda args, problem: ("result", "bound"))
+    run = SimpleNamespace(bound="bound")
+    monkeypatch.setattr(work, "_refined", lambda args, problem: ("result", run))
     given = {
         "problem": "lshape",
         "nodes": 113,
@@ -460,8 +469,8 @@ def test_a_goal_or_an_error_refines_the_mesh(asked, monkeypatch):
         "goal": None,
         "error": None,
     }
-    result, seconds, bound = work._solution(SimpleNamespace(**given | asked))
-    assert (result, bound) == ("result", "bound")
+    result, seconds, *found = work._solution(SimpleNamespace(**given | asked))
+    assert (result, *found) == ("result", "bound", run)
     assert 0 <= seconds < 10
 
 

@@ -25,6 +25,7 @@ def record():
     found = solve_record("lshape", lshape_primal(), 1.5)
     extra = {"method": "primal", "gamma": None, "start": "zero", "error_asked": None}
     extra |= {"error_bound": None, "guaranteed": None}
+    extra |= {"goal_lower": None, "goal_upper": None}
     return found | extra | provenance()
 
 
