@@ -16,11 +16,10 @@ import numpy as np
 from ngsolve import CF, ET, VOL, IntegrationRule
 
 from ngepc._version import __version__
-from ngepc.bounds import check_goal
+from ngepc.bounds import check_receipt
 from ngepc.bounds.adjoint_conditions import AdjointConditions
 from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state, state_of
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.check_receipt import FORMAT
 from ngepc.bounds.contact import BUBBLE, EDGES, LEVEL
 from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.coverage import CONSTANT
@@ -46,8 +45,6 @@ COVERS -= {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
 COVERS -= {"axisymmetric"}
 """Features that receipts cover."""
 
-FINE = {(2, 1): 0.03, (2, 2): 0.06, (3, 1): 0.1}
-"""Accuracy of the checker's suprema by (N, order), relative to the interval of a goal."""
 CLEARANCE = 1e-11
 """Fraction of the largest displacement by which bodies are moved away from the obstacle."""
 CLEAR_OF_GOAL = 1e-6
@@ -72,8 +69,7 @@ def write_receipt(
 ) -> tuple[float, float]:
     """Write the proof of an interval to a file, and check it.
 
-    ``ngepc check FILE`` checks it, and so do ``check_receipt.py`` and ``check_goal.py`` alone,
-    with numpy.
+    ``ngepc check FILE`` checks it, and so does ``check_receipt.py`` alone, with numpy.
 
     Parameters
     ----------
@@ -118,15 +114,10 @@ def write_receipt(
         bound = goal.bound
         bound_data = bound_data_of(bound.state.discrete)
     check_written(bound_data, bound)
-    arrays, header = claims_of(bound_data, bound, goal)
-    width = 0.0 if goal is None else goal.width
-    fine = FINE[problem.N, problem.order] * width
-    members = in_file_order(arrays, header, fine)
-    proved = check_goal.proved_intervals(
-        check_goal.opened_goal(members, header), header
-    )
-    header |= widened(proved)
-    np.savez(path, header=json.dumps(header), **members)
+    layers, header = claims_of(bound_data, bound, goal)
+    words = in_file_order(layers, header)
+    header |= widened(check_receipt.proved_intervals(words, header))
+    np.savez(path, header=json.dumps(header), receipt=words)
     name = "" if goal is None else "goal "
     return header[name + "lower"], header[name + "upper"]
 
@@ -146,10 +137,10 @@ def widened(proved: dict[str, float]) -> dict[str, float]:
 
 def claims_of(
     bound_data: BoundData, bound: ErrorBound, goal: GoalBound | None
-) -> tuple[dict[str, np.ndarray], dict[str, object]]:
-    """The arrays of the file, and its header without the intervals."""
+) -> tuple[list[dict[str, np.ndarray]], dict[str, object]]:
+    """The layers of the file, and its header without the intervals."""
     header = {
-        "format": FORMAT,
+        "format": check_receipt.FORMAT,
         "made by": f"ngepc {__version__}",
         "kinematics": bound_data.problem.kinematics.name,
         "order": bound_data.problem.order,
@@ -160,15 +151,14 @@ def claims_of(
     if goal is None:
         clearance = CLEARANCE * largest
         u = clear_state(bound_data, bound.state, clearance)
-        return receipt_arrays(file, bound, u), header
+        return [receipt_arrays(file, bound, u)], header
     # rounding of z . n must be less than lambda times the distance
     moves = max(np.abs(goal.pair.z).max(), goal.terms.factor.max(initial=0.0))
     factor = max(goal.factor * (1 + SPARE), NARROW * moves / clearance)
     clearance = NARROW * moves / factor
     u = clear_state(bound_data, bound.state, clearance)
-    arrays = receipt_arrays(file, bound, u)
-    arrays |= goal_arrays(file, goal, u)
-    return arrays, header | {"goal": goal.name, "factor": factor}
+    layers = [receipt_arrays(file, bound, u), goal_arrays(file, goal, u)]
+    return layers, header | {"goal": goal.name, "factor": factor}
 
 
 def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
@@ -235,18 +225,18 @@ def goal_arrays(
     pushes[bound_data.boundary.contact] = terms.factor
 
     order = bound_data.problem.order
-    boundary = support_arrays(bound_data)
-    arrays = {
-        "goal_motion": elevated(moved[c.facets], order)[c.outer],
-        "goal_traction": elevated(traction, order)[c.outer],
-        "goal_pressure": elevated(pressure, order)[c.outer],
-        "goal_contact": pushes[c.outer],
-        "goal_force": force,
+    on_facets = {
+        "prescribed": moved[c.facets],
+        "traction": traction,
+        "pressure": pressure,
+        "gap": np.repeat(pushes[:, None], c.N, axis=1),
     }
+    arrays = {name: elevated(v, order)[c.outer] for name, v in on_facets.items()}
+    arrays["body_force"] = force
     stress = BoundPart(bound_data, goal.bound).stress(goal.pair)
-    arrays["tau"] = file.turned(tensor_coefficients(bound_data, stress))
-    arrays["z"] = file.displacement(z)
-    file.set_on_supports(arrays["z"], boundary, arrays["goal_motion"])
+    arrays["stress"] = file.turned(tensor_coefficients(bound_data, stress))
+    arrays["u"] = file.displacement(z)
+    file.set_on_supports(arrays["u"], support_arrays(bound_data), arrays["prescribed"])
     return arrays
 
 

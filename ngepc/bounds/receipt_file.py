@@ -7,16 +7,14 @@ forces.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import combinations
-from types import SimpleNamespace
 
 import numpy as np
 
-from ngepc.bounds import check_goal, check_receipt
+from ngepc.bounds import check_receipt
 
-DEEPEST = {2: 3, 3: 2}
-"""How often parts of cells of N dimensions are cut at most."""
+LAYERED = "u", "stress", "body_force", "prescribed", "traction", "gap", "pressure"
+"""Arrays with a layer for the energy, and one for the adjoint of a goal."""
 ROOM = 0.1
 """Part by which forces that rounding leaves are enlarged: it differs on other machines."""
 GROWTH = 1e-6
@@ -24,73 +22,34 @@ GROWTH = 1e-6
 
 
 def in_file_order(
-    arrays: dict[str, np.ndarray], header: dict[str, object], fine: float
-) -> dict[str, np.ndarray]:
-    """The members ``receipt``, and ``goal`` and ``cut`` for a goal.
+    layers: list[dict[str, np.ndarray]], header: dict[str, object]
+) -> np.ndarray:
+    """The words of a receipt; its sizes go into the header.
 
-    ``arrays`` have the cells first, and tensors as matrices.  Parts are cut where a goal's
-    interval gains more than their share of ``fine``.
+    ``layers`` have the arrays of the energy, and for a goal those of its adjoint, with the cells
+    first, and tensors as matrices.
     """
-    N = arrays["points"].shape[1]
-    cells = arrays["cells"]
-    places = arrays["sides"]
-    way, levels = ways(cells, places, arrays["held"].all(axis=1))
+    first = layers[0]
+    N = first["points"].shape[1]
+    places = first["sides"]
+    way, levels = ways(first["cells"], places, first["held"].all(axis=1))
     last = {
         name: without_tiny(cells_last(name, values, N))
-        for name, values in arrays.items()
+        for name, values in first.items()
     }
+    for name in LAYERED:
+        parts = [without_tiny(cells_last(name, layer[name], N)) for layer in layers]
+        last[name] = np.stack(parts, axis=2 if name == "stress" else -2)
     last |= {"sides": places, "way": way}
-    last["passed"] = np.zeros(places.shape[1])
-    receipt = packed_record(last, check_receipt.TABLE)
-    r = check_receipt.opened({"receipt": receipt}, header)
-    loads = r.stress, r.body_force, r.traction, r.pressure
-    force = check_receipt.balance(r, *loads).force
-    receipt["passed"] = passed(force, way, places, levels)
-    members = {"receipt": receipt}
-    if "goal" in header:
-        last["tau_passed"] = np.zeros(places.shape[1])
-        goal = packed_record(last, check_goal.TABLE)
-        names = "tau", "goal_force", "goal_traction", "goal_pressure"
-        force = check_receipt.balance(r, *(goal[name] for name in names)).force
-        goal["tau_passed"] = passed(force, way, places, levels)
-        members["goal"] = goal
-        members["cut"] = np.zeros(0, dtype=bool)
-        members["cut"] = cuts_of(members, header, fine)
-    return members
-
-
-def cuts_of(
-    members: dict[str, np.ndarray], header: dict[str, object], fine: float
-) -> np.ndarray:
-    """Which parts of cells are cut, and which of their parts, for both ends of a goal."""
-    found = []
-
-    def above(
-        r: SimpleNamespace, density: Callable, x: np.ndarray, law: np.ndarray
-    ) -> np.ndarray:
-        """Integrals of a density from above."""
-        value = law[-1] * density(r.N, x, law)
-        kept = []
-        for _ in range(DEEPEST[r.N]):
-            x = check_receipt.subdivided(r.N, x)
-            law = check_goal.parted(r.N, law)
-            parts = law[-1] * density(r.N, x, law)
-            on = parts.reshape(-1, len(value)).sum(axis=0)
-            on = (value - on) * len(value) > fine
-            kept.append(value[~on])
-            found.append(on)
-            on = np.tile(on, len(parts) // len(on))
-            x = x[..., on]
-            law = law[:, on]
-            value = parts[on]
-            if not len(value):
-                return np.concatenate(kept)
-        found.append(np.zeros(len(value), dtype=bool))
-        return np.concatenate([*kept, value])
-
-    r = check_goal.opened_goal(members, header)
-    check_goal.proved_intervals(r, header, above)
-    return np.concatenate(found)
+    last["passed"] = np.zeros((len(layers), places.shape[1]))
+    header |= {"P": len(first["points"]), "K": len(first["cells"])}
+    header |= {"S": places.shape[1], "B": len(first["held"])}
+    words = packed(last, header)
+    r = check_receipt.opened(words, header)
+    check_receipt.balance(r)
+    for row, force in zip(r.passed, r.force, strict=True):
+        row[:] = passed(force, way, places, levels)
+    return words
 
 
 def without_tiny(values: np.ndarray) -> np.ndarray:
@@ -98,25 +57,24 @@ def without_tiny(values: np.ndarray) -> np.ndarray:
     return np.where(np.abs(values) <= check_receipt.SMALLEST, 0, values)
 
 
-def packed_record(arrays: dict[str, np.ndarray], table: str) -> np.ndarray:
-    """The arrays of a table in one record."""
-    rows = [row.split() for row in table.split(", ")]
-    kinds = [(name, kind, np.shape(arrays[name])) for name, kind, _ in rows]
-    record = np.zeros((), kinds)
-    for name in record.dtype.names:
+def packed(arrays: dict[str, np.ndarray], header: dict[str, object]) -> np.ndarray:
+    """The arrays of a receipt in one row of words of 64 bits."""
+    _, kind = check_receipt.record_type(header)
+    record = np.zeros(1, kind)
+    for name in kind.names:
         record[name] = arrays[name]
-    return record
+    return record.view(np.int64)
 
 
 def cells_last(name: str, values: np.ndarray, N: int) -> np.ndarray:
     """An array with the cells last; tensors as their entries, those of the diagonal first."""
     if name == "sides":
         return values
-    if name in {"stress", "tau", "initial", "back"}:
+    if name in {"stress", "initial", "back"}:
         n = values.shape[-1]
         pairs = [(i, i) for i in range(n)] + list(combinations(range(N), 2))
         values = np.stack([values[..., i, j] for i, j in pairs], axis=-1)
-    if name in {"stress", "tau"}:
+    if name == "stress":
         return values.transpose(2, 3, 1, 0)
     return np.moveaxis(values, 0, -1)
 

@@ -16,7 +16,7 @@ import numpy as np
 from ngsolve import GridFunction
 
 import ngepc
-from ngepc.bounds import check_goal
+from ngepc.bounds import check_receipt
 from ngepc.bounds.adaptive import BoundedResult, MeshRecord, solve_to
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.checks.sentences import at_most_percent, outward
@@ -419,7 +419,7 @@ def _spelt(value: object) -> object:
 
 
 def check_file(args: argparse.Namespace) -> int:
-    """``ngepc check FILE``: check a receipt, as ``check_goal.py`` does alone."""
+    """``ngepc check FILE``: check a receipt, as ``check_receipt.py`` does alone."""
     if not args.receipt.is_file():
         raise ValueError(f"{args.receipt}: no such file")
     if not is_zipfile(args.receipt):
@@ -427,7 +427,7 @@ def check_file(args: argparse.Namespace) -> int:
             f"{args.receipt}: FAIL: no receipt, as ngepc.write_receipt makes\n"
         )
         return 1
-    return check_goal.check_files([str(args.receipt)])
+    return check_receipt.check_files([str(args.receipt)])
 
 
 def notebooks(args: argparse.Namespace) -> int:

@@ -19,8 +19,8 @@ from campaigns.intervals import goals_of
 from ngsolve import ET, IntegrationRule
 
 from ngepc import error_bound, goal_bound, semismooth_newton, write_receipt
-from ngepc.bounds import check_goal, check_receipt
-from ngepc.bounds.receipt_file import packed_record
+from ngepc.bounds import check_receipt
+from ngepc.bounds.receipt_file import packed
 from ngepc.studies.work import Work
 
 ENERGIES = ("order 1", "order 2", "solid")
@@ -63,7 +63,7 @@ class Judge:
     """The claims of a receipt, checked by quadrature instead of bounds."""
 
     def __init__(self, arrays, header):
-        self.a = arrays = by_cells(arrays, header)
+        self.a = arrays = by_cells(by_layers(arrays), header)
         self.header = header
         self.N = arrays["points"].shape[1]
         self.n = arrays["stress"].shape[-1]
@@ -389,6 +389,30 @@ OF_CELLS = {"lame_lambda", "mu", "hardening", "beta", "initial", "back"}
 OF_CELLS |= {"body_force", "goal_force"}
 
 
+ADJOINT = {
+    "u": "z",
+    "stress": "tau",
+    "body_force": "goal_force",
+    "traction": "goal_traction",
+    "prescribed": "goal_motion",
+    "gap": "goal_contact",
+    "pressure": "goal_pressure",
+    "passed": "tau_passed",
+}
+"""Names of the second layer of the arrays."""
+
+
+def by_layers(arrays):
+    """The arrays of a file without layers: those of the adjoint have other names."""
+    found = dict(arrays)
+    for name, second in ADJOINT.items():
+        layers = np.moveaxis(arrays[name], -3 if name == "stress" else -2, 0)
+        found[name] = layers[0]
+        if len(layers) > 1:
+            found[second] = layers[1]
+    return found
+
+
 def by_cells(arrays, header):
     """The arrays of a file on the parts of cells: these come first, tensors are matrices.
 
@@ -517,35 +541,22 @@ def passes(arrays, header):
     """Whether the checker accepts it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "changed.npz"
-        np.savez(path, header=json.dumps(header), **members(arrays, header))
+        np.savez(path, header=json.dumps(header), receipt=packed(arrays, header))
         try:
-            check_goal.check_goal(str(path))
+            check_receipt.check(str(path))
         except Exception:  # whatever is wrong with a file, it does not pass
             return False
         return True
 
 
-def members(arrays, header):
-    """The members of a file with these arrays."""
-    found = {"receipt": packed_record(arrays, check_receipt.TABLE)}
-    if "goal" in header:
-        found["goal"] = packed_record(arrays, check_goal.TABLE)
-        found["cut"] = arrays["cut"]
-    return found
-
-
 def opened(path):
     """Arrays by name, and header of a receipt."""
     with np.load(path) as file:
-        found = dict(file)
-    header = json.loads(str(found["header"]))
-    arrays = {}
-    for member in {"receipt", "goal"} & set(found):
-        record = found[member]
-        arrays |= {name: record[name] for name in record.dtype.names}
-    if "cut" in found:
-        arrays["cut"] = found["cut"]
-    return arrays, header
+        header = json.loads(str(file["header"]))
+        words = file["receipt"]
+    _, kind = check_receipt.record_type(header)
+    record = words.view(kind)[0]
+    return {name: record[name] for name in kind.names}, header
 
 
 def tampered(path, random, wanted):
@@ -612,7 +623,7 @@ class Receipts(Work):
             except (ValueError, RuntimeError) as error:
                 return {"refused": str(error)}
             start = time.process_time()
-            check_goal.check_goal(str(path))
+            check_receipt.check(str(path))
             checked = time.process_time() - start
             wrong = falsifies(*opened(path))
             failure = "the judge refuses the receipt" if wrong else ""
