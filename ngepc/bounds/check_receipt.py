@@ -113,7 +113,7 @@ def size(a: ndarray) -> ndarray:
 def inner(a: ndarray, b: ndarray, N: int) -> ndarray:
     """Means of the products of two fields with coefficients (k, c, ...)."""
     if len(a) > N + 1:
-        a = (QUADRATIC[N] @ a.reshape(len(a), -1)).reshape(a.shape)
+        a = einsum("kj,jc...->kc...", QUADRATIC[N], a)
         return einsum("kc...,kc...->...", a, b)
     together = einsum("c...,c...->...", a.sum(axis=0), b.sum(axis=0)) / len(b)
     return (together + einsum("kc...,kc...->...", a, b) / len(a)) / (len(a) + 1)
@@ -298,9 +298,10 @@ def measured(r: Body) -> None:
     need((r.cells >= 0).all() and (r.cells < r.P).all(), "cells: no such point")
     need((np.diff(r.cells, axis=0) > 0).all(), "cells: vertices are not ascending")
     corners = r.points[:, r.cells]
+    corners = corners - corners[:, :1]
     away = corners - corners.mean(axis=1, keepdims=True)
     r.length = np.sqrt((away**2).sum(axis=(0, 1)))
-    J = corners[:, 1:] - corners[:, :1]
+    J = corners[:, 1:]
     if N == 2:
         cofactors = np.array([[J[1, 1], -J[1, 0]], [-J[0, 1], J[0, 0]]])
     else:
@@ -428,7 +429,7 @@ def balance(r: Body) -> None:
 def rolled(r: Body, reach: float) -> float:
     """What supports of single components carry at most, all of them, of a unit force."""
     component, row = np.nonzero(r.held)
-    m = (r.points[:, r.ends[:, row]].mean(axis=1) - r.points[:, :1]) / reach
+    m = (r.points - r.points[:, :1])[:, r.ends[:, row]].mean(axis=1) / reach
     e = np.eye(r.N)[:, component]
     turns = [m[i] * e[j] - m[j] * e[i] for i, j in combinations(range(r.N), 2)]
     area = r.outer[row]
