@@ -247,14 +247,11 @@ def record_type(header: dict) -> tuple[dict, np.dtype]:
     need(all(type(s) is int and s > 0 for s in sizes.values()), "sizes: not positive")
     sizes |= {"N": N, "n": n, "v": N + 1, "c": n + N * (N - 1) // 2, "2": 2}
     sizes |= {"k": 6 if order == 2 else N + 1, "t": 3 if order == 2 else N}
-    sizes |= {
-        "L": 2 if "goal" in header else 1,
-        "U": header["P"] + (order - 1) * header["S"],
-    }
+    sizes["L"] = 2 if "goal" in header else 1
+    sizes["U"] = sizes["P"] + (order - 1) * sizes["S"]
     rows = [row.split() for row in TABLE.split(", ")]
-    return sizes, np.dtype(
-        [(a, kind, [sizes[s] for s in shape]) for a, kind, shape in rows]
-    )
+    rows = [(name, kind, [sizes[s] for s in shape]) for name, kind, shape in rows]
+    return sizes, np.dtype(rows)
 
 
 def opened(words: ndarray, header: dict) -> Body:
@@ -263,15 +260,12 @@ def opened(words: ndarray, header: dict) -> Body:
     right = words.dtype == np.int64 and words.shape == (kind.itemsize // 8,)
     need(right, "receipt: its arrays have other types or sizes")
     record = words.view(kind)[0]
-    r = Body(
-        **sizes, **{name: record[name] for name in kind.names}, degree=header["order"]
-    )
+    arrays = {name: record[name] for name in kind.names}
+    r = Body(**sizes, **arrays, degree=header["order"])
     large = np.abs(words.view(float)[: kind.fields["cells"][1] // 8])
     usual = np.count_nonzero(large > SMALLEST) == np.count_nonzero(large)
-    need(
-        usual and large.max() < 1 / SMALLEST,
-        "numbers: too large or small, or no numbers",
-    )
+    usual &= large.max() < 1 / SMALLEST
+    need(usual, "numbers: too large or small, or no numbers")
     N, n = r.N, r.n
     r.cuts = r.degree if r.L == 1 else 0  # a goal needs the energy for rounding only
     r.held = r.held != 0
@@ -397,9 +391,8 @@ def balance(r: Body) -> None:
     N = r.N
     r.stressed = size(r.stress).max(axis=1)
     large = EPS * 2 * r.stressed * r.length ** (N - 1)
-    T = einsum(
-        "kxyLaK,iyaK->ikxLaK", r.stress[:, r.entries], r.part_area
-    )  # part a, side i
+    S = r.stress[:, r.entries]
+    T = einsum("kxyLaK,iyaK->ikxLaK", S, r.part_area)  # on side i of part a
     inside = r.degree * sum(T[i, r.between[:, i]] for i in range(N + 1)) / N
     inside -= (r.body_force * r.volume / (N + 1))[:, :, None]
     forced = EPS * size(r.body_force[None]) * r.length**N
@@ -412,14 +405,12 @@ def balance(r: Body) -> None:
         r.jumps[:, [a, b]] += (size(jump) + large)[:, None]
     T = np.concatenate([T[a, r.on_side[a], :, :, a] for a in range(N + 1)], axis=-1)
     jump = T.take(r.sides[0], axis=-1) + T.take(r.sides[1], axis=-1)
-    missing = (
-        jump[..., r.out] / 2 - (r.traction - r.pressure[:, None] * r.normal) * r.outer
-    )
+    pulled = r.traction - r.pressure[:, None] * r.normal
+    missing = jump[..., r.out] / 2 - pulled * r.outer
     jump[..., r.out] = np.where(r.held[:, None], 0.0, missing)
     unsure = np.tile(large, N + 1)[:, r.sides].sum(axis=1)
-    unsure[:, r.out] += (
-        r.near * r.outer * (size(r.traction) + np.abs(r.pressure).max(axis=0))
-    )
+    sizes = size(r.traction) + np.abs(r.pressure).max(axis=0)
+    unsure[:, r.out] += r.near * r.outer * sizes
     r.jumps += (size(jump) + unsure)[:, r.side]
     r.force = (r.inside + r.jumps).sum(axis=1)
     r.reaction = np.where(r.held[:, None], missing, 0.0)
@@ -455,11 +446,8 @@ def defects(r: Body) -> list[float]:
     grows = (2 * going_on >= force[:, going]).all() and (going_on > 0).all()
     need(grows and (r.passed >= 0).all(), "passed: too little")
     reach = float(np.ptp(r.points, axis=1).sum())
-    more = np.zeros((r.L, 1, 1))
-    if whole:
-        more[:, 0, 0] = rolled(r, reach) * np.array(
-            [summed(force) for force in r.force]
-        )
+    total = np.array([summed(force) for force in r.force])[:, None, None]
+    more = rolled(r, reach) * total if whole else 0.0
     lever = 4 * reach * r.length ** (N - 2)
     T = (passed + more) * (1 + lever / r.areas)
     T += N * (force[:, None] + more) * (1 + lever * r.length / (0.9 * r.volume))
@@ -526,53 +514,58 @@ def on_parts(r: Body, c: ndarray) -> ndarray:
     return np.concatenate([parts, middle])
 
 
+def need_adjoint(r: Body, L: float) -> None:
+    """The conditions of 6 on the obstacle."""
+    need(SMALLEST < L < 1 / SMALLEST, "factor: not positive, too large or too small")
+    P, q = r.pressure.swapaxes(0, 1)
+    small = np.abs(q) <= (1 - EPS) * L * P
+    need(small.all(), "pressure: that of the adjoint is too large")
+    room, spare = r.room.swapaxes(0, 1)
+    unsure, unsure_spare = r.unsure_room.swapaxes(0, 1)
+    for sign in (-1.0, 1.0):
+        most = (1 - EPS) * L * (room - unsure) + sign * spare - unsure_spare
+        need_positive(r, most, "u: the adjoint is wrong at the obstacle")
+
+
+def suprema(r: Body, L: float) -> ndarray:
+    """The integrals over the parts of K in 6, for -Q and Q."""
+    fields = r.trial, r.strain[:, :, 1], r.trace[:, :, 1], r.trace[:, :, 0]
+    trial, e, trace, own_trace = (on_parts(r, c)[:, :, None] for c in fields)
+    signs = np.array([-1.0, 1.0])[:, None, None]
+    m = L * (r.m[:, :, :1] - r.bulk * own_trace)
+    m = m + signs * (r.m[:, :, 1:] - r.bulk * trace)
+    p = (signs * r.d[:, :, 1:] + L * r.shifted[:, :, None]) / (2 * r.mu)
+    H = r.hardening / (2 * r.mu)
+    k = L / (2 * r.mu)
+    y = p + k * trial - signs * e
+    x = np.concatenate([y, p + H * y], axis=1).reshape(r.k, -1, 2 * r.v * r.K)
+    law = np.tile([k, H, r.beta], 2 * r.v)
+    found = means(r.N, largest, x, law, 1).reshape(2, r.v, -1)
+    found += inner(m, m, r.N) / (4 * L * r.bulk) - inner(p, trial, r.N)
+    return r.volume / r.v * found
+
+
 def goal_interval(r: Body, L: float) -> tuple[float, float]:
     """6: what a goal lies between."""
     N = r.N
-    need(SMALLEST < L < 1 / SMALLEST, "factor: not positive, too large or too small")
-    P, q = r.pressure.swapaxes(0, 1)
-    need(
-        (np.abs(q) <= (1 - EPS) * L * P).all(),
-        "pressure: that of the adjoint is too large",
-    )
-    room, spare = r.room.swapaxes(0, 1)
-    missed, unsure = r.unsure_room.swapaxes(0, 1)
-    for sign in (-1.0, 1.0):
-        most = (1 - EPS) * L * (room - missed) + sign * spare - unsure
-        need_positive(r, most, "u: the adjoint is wrong at the obstacle")
-    trace, own_trace = r.trace[:, :, 1], r.trace[:, :, 0]
-    e = r.strain[:, :, 1]
-    own = r.bulk * inner(own_trace, trace, N) + (r.back * e.mean(axis=0)).sum(axis=0)
-    room, q, P = room[:, None], q[:, None], P[:, None]
+    need_adjoint(r, L)
+    P, q = r.pressure.swapaxes(0, 1)[:, :, None]
+    room = r.room[:, :1]
     opened = r.outer * inner(q, room, N - 1)
     opening = r.outer * inner(L * P, room, N - 1)
-    done, gained = work(r, 1, 0), work(r, 0, 1)
-    centre = np.concatenate([done[0], gained[0], -r.volume * own, opened])
-    large = (
-        L * r.large + r.stiff * (r.strained[1] + L * r.strained[0]) + 3 * r.stressed[1]
-    )
-    wrong = r.wrong * large + r.stiff * (r.missed[1] + L * r.missed[0])
-    slack = WIDE * r.volume * r.soft / L * large * wrong
     far = size(r.gap[:, :1]) + size(r.outside[:, :, 0])
     near = 10 * r.near * r.outer * (size(q) + L * size(P)) * far
+    own = r.bulk * inner(r.trace[:, :, 0], r.trace[:, :, 1], N)
+    own += (r.back * r.strain[:, :, 1].mean(axis=0)).sum(axis=0)
+    done, gained = work(r, 1, 0), work(r, 0, 1)
+    centre = np.concatenate([done[0], gained[0], -r.volume * own, opened])
+    strained = r.strained[1] + L * r.strained[0]
+    large = L * r.large + r.stiff * strained + 3 * r.stressed[1]
+    wrong = r.wrong * large + r.stiff * (r.missed[1] + L * r.missed[0])
+    slack = WIDE * r.volume * r.soft / L * large * wrong
     doubt = np.array((r.b[1] + L * r.b[0]) * r.root)
     always = [opening, slack, near, done[1], gained[1], doubt]
-
-    trial, e, trace, own_trace = (
-        on_parts(r, c) for c in (r.trial, e, trace, own_trace)
-    )
-    H = r.hardening / (2 * r.mu)
-    k = L / (2 * r.mu)
-    law = np.tile([k, H, r.beta], 2 * r.v)
-    signs = np.array([-1.0, 1.0])[:, None, None]
-    m = signs * (r.m[:, :, 1] - r.bulk * trace)[:, :, None]
-    m += (L * (r.m[:, :, 0] - r.bulk * own_trace))[:, :, None]
-    p = (signs * r.d[:, :, 1, None] + L * r.shifted[:, :, None]) / (2 * r.mu)
-    y = p + k * trial[:, :, None] - signs * e[:, :, None]
-    x = np.concatenate([y, p + H * y], axis=1).reshape(r.k, -1, 2 * r.v * r.K)
-    highest = means(N, largest, x, law, 1).reshape(2, r.v, -1)
-    highest += inner(m, m, N) / (4 * L * r.bulk) - inner(p, trial[:, :, None], N)
-    lower, upper = r.volume / r.v * highest
+    lower, upper = suprema(r, L)
     return -summed(-centre, *always, lower), summed(centre, *always, upper)
 
 
