@@ -145,13 +145,13 @@ def across(length: ndarray, y: ndarray) -> ndarray:
     return np.sqrt((length**2 - (1 - EPS) * y[:, 0] ** 2).max(axis=0))
 
 
-def direction(x: ndarray) -> ndarray:
+def mean_direction(x: ndarray) -> ndarray:
     """The direction of the mean of a field."""
     n = x.sum(axis=0)
     return n / np.maximum(np.sqrt(einsum("c...,c...->...", n, n)), SMALLEST)
 
 
-def beyond(x: ndarray, most: ndarray) -> ndarray:
+def outside_ball(x: ndarray, most: ndarray) -> ndarray:
     """What exceeds a ball, coefficient by coefficient."""
     length = lengths(x)
     return x * (np.maximum(length - most, 0.0) / np.maximum(length, most))[:, None]
@@ -159,7 +159,7 @@ def beyond(x: ndarray, most: ndarray) -> ndarray:
 
 def norm(N: int, x: ndarray) -> ndarray:
     """Means of |x| from above, by 3."""
-    y = along(x, direction(x))
+    y = along(x, mean_direction(x))
     least = y.min(axis=(0, 1))
     length = lengths(x)
     clear = least > length.max(axis=0) / 8
@@ -179,18 +179,18 @@ def means(N: int, density: object, x: ndarray, law: ndarray, cuts: int) -> ndarr
     return found
 
 
-def excess(N: int, v: ndarray, v_n: ndarray, V: ndarray) -> ndarray:
+def squared_excess(N: int, v: ndarray, v_n: ndarray, V: ndarray) -> ndarray:
     """Means of ([|v| - V]_+)^2 from above: by |v| - V itself, or what exceeds the ball.
 
     ``v_n`` is the field along any direction.
     """
     square = inner(v, v, N)
     length = lengths(v)
-    largest = np.maximum(length.max(axis=0), SMALLEST)
-    least = v_n.mean(axis=(0, 1)) + (square - inner(v_n, v_n, N)) / (2 * largest)
+    longest = np.maximum(length.max(axis=0), SMALLEST)
+    least = v_n.mean(axis=(0, 1)) + (square - inner(v_n, v_n, N)) / (2 * longest)
     found = square - 2 * V * least + V**2
     on = np.flatnonzero(length.min(axis=0) < V)
-    x = beyond(v.take(on, axis=2), V[on])
+    x = outside_ball(v.take(on, axis=2), V[on])
     found[on] = np.minimum(found[on], inner(x, x, N))
     return found
 
@@ -205,24 +205,26 @@ def yielding(s: ndarray, beta: ndarray) -> ndarray:
 def flow(N: int, s: ndarray, law: ndarray) -> tuple[ndarray, ndarray]:
     """Plastic terms of phi times 2 mu + h, with the best p at the coefficients."""
     beta = law[0]
-    x = beyond(s, beta)
+    x = outside_ball(s, beta)
     return beta * norm(N, x) + inner(x, x / 2 - s, N), yielding(s, beta)
 
 
 def conjugate(N: int, s: ndarray, law: ndarray) -> tuple[ndarray, ndarray]:
     """Plastic terms of phi* times h."""
-    return excess(N, s, along(s, direction(s)), law[0]) / 2, yielding(s, law[0])
+    return squared_excess(N, s, along(s, mean_direction(s)), law[0]) / 2, yielding(
+        s, law[0]
+    )
 
 
-def largest(N: int, x: ndarray, law: ndarray) -> tuple[ndarray, ndarray]:
+def goal_supremum(N: int, x: ndarray, law: ndarray) -> tuple[ndarray, ndarray]:
     """X of 6 by 7 for coefficients of p + w and v; r is the best number for which 3 is sure."""
     y, v = np.split(x, 2, axis=1)
     k, H, beta = law
     V = k * beta * (1 + 2 * H)
     b = k * H * (1 + H)
-    D = beyond(y, 2 * k * beta)
+    D = outside_ball(y, 2 * k * beta)
     A = beta * D
-    n = direction(v)
+    n = mean_direction(v)
     v_n = along(v, n)
     A_n = along(A, n)
     least = A_n.min(axis=(0, 1))
@@ -233,7 +235,9 @@ def largest(N: int, x: ndarray, law: ndarray) -> tuple[ndarray, ndarray]:
     twice = np.maximum(slope - V, 0.0)
     r = twice / (2 * b)
     found = norm(N, A + r * v) - r * (V + b * r)
-    found += excess(N, v, v_n, V + twice) / (4 * b) + inner(y - D, y - D, N) / (4 * k)
+    found += squared_excess(N, v, v_n, V + twice) / (4 * b) + inner(y - D, y - D, N) / (
+        4 * k
+    )
     most = length.max(axis=0) - V
     return found, (most > 0) & (1.5 * twice <= most)
 
@@ -540,7 +544,7 @@ def suprema(r: Body, L: float) -> ndarray:
     y = p + k * trial - signs * e
     x = np.concatenate([y, p + H * y], axis=1).reshape(r.k, -1, 2 * r.v * r.K)
     law = np.tile([k, H, r.beta], 2 * r.v)
-    found = means(r.N, largest, x, law, 1).reshape(2, r.v, -1)
+    found = means(r.N, goal_supremum, x, law, 1).reshape(2, r.v, -1)
     found += inner(m, m, r.N) / (4 * L * r.bulk) - inner(p, trial, r.N)
     return r.volume / r.v * found
 
