@@ -10,6 +10,7 @@ secants.
 
 from __future__ import annotations
 
+from copy import copy
 from functools import partial
 from typing import NamedTuple
 
@@ -35,6 +36,9 @@ tolerance."""
 
 FINEST = 1e-9
 """Smallest relative residual of a linear system."""
+
+CLOSER = 1e-2
+"""Factor of the relative residual where a step does not lower the energy."""
 
 
 class ContactResponse(NamedTuple):
@@ -64,6 +68,14 @@ class InexactTarget:
         tangential = discrete.rows.tangential
         moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()
         self._movable = (moved > HELD).reshape(discrete.rows.tangents.shape[:2])
+
+    def closer(self) -> InexactTarget | None:
+        """One that solves linear systems more accurately, None at the finest."""
+        if self._forcing <= FINEST:
+            return None
+        closer = copy(self)
+        closer._forcing = CLOSER * self._forcing
+        return closer
 
     def accuracy(self, residual: float, before: float | None) -> float:
         """The relative residual for a step from here (Eisenstat and Walker 1996, choice 2).

@@ -1,20 +1,22 @@
-"""The fastest linear solver for a body: factors for plane and small ones, else multigrid."""
+"""The fastest linear solver for a body: factors where cuts are small, else multigrid."""
 
 from __future__ import annotations
 
 from ngepc.local import petsc, pyamg
+from ngepc.local.cuts import unknowns_of_cube
 from ngepc.local.iterative import Iterative
 from ngepc.local.system import DiscreteProblem
+from ngepc.model.elements import has_more_corners
 
 DIRECT = "sparsecholesky"
 
 MOST_BY_FACTORS = 3500
-"""Free components of displacements up to which factors are faster in three dimensions, as measured
-by ``benchmarks/test_solvers.py``."""
+"""Free components of displacements of a cube up to which factors are faster, as measured by
+``benchmarks/test_solvers.py``.  Other solids are compared with a cube whose cuts are as large."""
 
-MOST_BY_FACTORS_ORDER_ONE = 4500
-"""The same for elements of order 1, whose multigrid needs more iterations, and with Coulomb's
-friction, whose search for other equilibria has many solves."""
+MOST_BY_FACTORS_LARGER = 4500
+"""The same for elements of order 1 and for hexahedra and prisms, whose multigrid takes longer, and
+with Coulomb's friction, whose search for other equilibria has many solves."""
 
 MOST_BY_FACTORS_TRESCA = 1000
 """The same with Tresca's friction, under which the forces of all contact rows are unknowns."""
@@ -24,15 +26,15 @@ def fastest_solver(body: DiscreteProblem) -> str | Iterative:
     """The linear solver for ``NewtonOptions(inverse=None)``.
 
     Factors in the plane, where their cost grows little faster than the number of nodes, and for
-    small bodies in space.  Larger ones use multigrid, ``PyAMG()`` where pyamg is installed, else
-    ``PETSc()``.  Only PETSc covers meshes that processes share.
+    small, slender or thin bodies in space.  Others use multigrid, ``PyAMG()`` where pyamg is
+    installed, else ``PETSc()``.  Only PETSc covers meshes that processes share.
     """
     problem = body.problem
     if problem.processes.size > 1:
         return petsc.PETSc()
     if problem.N == 2:
         return DIRECT
-    if int(body.free.sum()) <= most_by_factors(body):
+    if unknowns_of_cube(body) <= most_by_factors(body):
         return DIRECT
     if pyamg.pyamg is not None:
         return pyamg.PyAMG()
@@ -40,7 +42,7 @@ def fastest_solver(body: DiscreteProblem) -> str | Iterative:
 
 
 def most_by_factors(body: DiscreteProblem) -> float:
-    """Free components of displacements of a solid up to which multigrid takes longer than factors.
+    """Free components of displacements of a cube up to which multigrid takes longer than factors.
 
     Where the body is nearly incompressible multigrid needs more iterations.
     """
@@ -48,8 +50,9 @@ def most_by_factors(body: DiscreteProblem) -> float:
     if body.contact.friction.given.any():
         return MOST_BY_FACTORS_TRESCA
     most = MOST_BY_FACTORS
-    if problem.order == 1 or body.contact.friction.d:
-        most = MOST_BY_FACTORS_ORDER_ONE
+    bricks = has_more_corners(problem.mesh)
+    if problem.order == 1 or bricks or body.contact.friction.d:
+        most = MOST_BY_FACTORS_LARGER
     stiffest = float((body.law.bulk / body.law.two_mu).max())
     return most * max(1.0, stiffest) ** (1 / 3)
 

@@ -26,14 +26,6 @@ except ImportError:  # said when PyAMG() is made
     pyamg = None
 
 
-LOOSE = 0.03
-"""Relative residual of the first Newton steps, where the options give none.
-
-With a tenth of it, as in ``PETSc``, whose steps have to be the same on any number of processes,
-there are a fifth more iterations and no fewer Newton steps.
-"""
-
-
 Pair = tuple[csr_matrix | bsr_matrix, csr_matrix | bsr_matrix]
 """The interpolation from a level to the next finer one, and its transpose."""
 
@@ -45,7 +37,7 @@ class PyAMG(Iterative):
     Parameters
     ----------
     forcing, max_iterations
-        As for ``PETSc``; a ``forcing`` of None is 0.03.
+        As for ``PETSc``; a ``forcing`` of None is 0.003.
 
     Raises
     ------
@@ -59,10 +51,6 @@ class PyAMG(Iterative):
         if pyamg is None:
             raise ImportError("PyAMG() needs pyamg: 'pip install pyamg'")
         super().__post_init__()
-
-    def forcing_of(self, order: int) -> float:
-        """See ``Iterative``."""
-        return LOOSE if self.forcing is None else self.forcing
 
     def storage(self, stiffness: Stiffness) -> LowerStorage:
         """Tangents as blocks on and below the diagonal, those of large bodies in two parts."""

@@ -12,7 +12,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -51,11 +51,20 @@ NEAR = 1e-2
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
 
-Target = Callable[[Iterate, Any, float | None], tuple[np.ndarray, np.ndarray]]
-"""Minimiser of Newton's model: a step du (nodes, N), and the forces of the contact rows at its end.
 
-Its arguments are the state, the tangent, and the residual norm one iterate before, None at first.
-"""
+class Target(Protocol):
+    """Minimiser of Newton's model."""
+
+    def __call__(
+        self, here: Any, tangent: Any, before: float | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A step du (nodes, N), and the forces of the contact rows at its end.
+
+        ``before`` is the residual norm one iterate before, None at first.
+        """
+
+    def closer(self) -> Target | None:
+        """A more accurate one, for steps that do not lower the energy."""
 
 
 class ExactTarget:
@@ -84,6 +93,9 @@ class ExactTarget:
     def step(self, here: Iterate, tangent: Any) -> tuple[np.ndarray, np.ndarray]:
         """The same with the last factors of a tangent."""
         return with_contact(here, tangent.solve, self._compliance)
+
+    def closer(self) -> None:
+        """There is no more accurate one."""
 
 
 def newton_iteration(
@@ -186,7 +198,11 @@ def newton_step(
     tolerance: float = 0.0,
 ) -> tuple[Iterate, float, int] | None:
     """The next state, the step length and its trials; None if no length lowers the energy."""
-    found = searched(here, *target(here, tangent, before))
+    found = None
+    accurate: Target | None = target
+    while found is None and accurate is not None:
+        found = searched(here, *accurate(here, tangent, before))
+        accurate = accurate.closer()
     if found is None:
         return None
     state, length, trials = found
