@@ -47,6 +47,9 @@ SMALL_STRAIN = 0.03
 SMALL_ROTATION = 0.05
 """Strain |eps(u)| and rotation (rad) above which the message warns of large deformations."""
 
+NEGLIGIBLE = 1e-6
+"""Spurious strains that are not spoken of, relative to the largest strain."""
+
 FEW_PLACES = 0.01
 """Large strains in a smaller part of the body are called local."""
 
@@ -436,10 +439,12 @@ def large_motion(strain: float, rotation: float, part: float) -> str:
     contact they grow with every refinement, however small the loads are.
     """
     spurious = rotation**2 / 2
-    sizes = (
-        f"Strains reach {in_percent(strain)} and rotations {rotation:.2g} rad, which is a spurious "
-        f"strain of {in_percent(spurious)}"
-    )
+    sizes = f"Strains reach {in_percent(strain)}"
+    if spurious > NEGLIGIBLE * strain:
+        sizes += (
+            f" and rotations {rotation:.2g} rad, which is a spurious strain of "
+            f"{in_percent(spurious)}"
+        )
     limits = f"more than {in_percent(SMALL_STRAIN)} or {SMALL_ROTATION:g} rad"
     if part < FEW_PLACES:
         return (
