@@ -292,7 +292,7 @@ def bound_on_simplices(result: ExactResult) -> ErrorBound:
     else:
         bound_data, given, state, moved, simplices = found
         parents = cut_mesh.parents[simplices]
-        P = pressure_on_copy(made, bound_data.contact, simplices)
+        P = pressure_on_copy(made, given, bound_data.contact, simplices)
     own = result.state.with_radial_return()
     balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
     algebraic = algebraic_gap(own, *balanced)
@@ -385,7 +385,7 @@ def bound_on_copy(result: ExactResult) -> ErrorBound | None:
     else:
         balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
     algebraic = algebraic_gap(own, *balanced) + max(state.energy - carried.energy, 0.0)
-    P = pressure_on_copy(result, bound_data.contact, parents)
+    P = pressure_on_copy(result, carried, bound_data.contact, parents)
     bound, _ = best_bound(bound_data, (state, moved, algebraic), tangent, P)
     cells = result.problem.mesh.ne
     per_cell = np.bincount(parents, bound.per_cell, minlength=cells)

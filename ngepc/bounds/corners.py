@@ -20,6 +20,7 @@ from ngepc.bounds.data import (
     stress_change,
     stress_coordinates,
 )
+from ngepc.bounds.held import RigidWorks, pressure_of_works
 from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.transfer import (
     bisected,
@@ -38,6 +39,7 @@ from ngepc.local.result import ExactResult
 from ngepc.local.system import State
 from ngepc.model.elements import determinants, element_nodes, vertex_coordinates
 from ngepc.model.features import HISTORY_FEATURES, is_covered
+from ngepc.model.support import rigid_motions
 
 SHARE = 0.008
 TIMES = 10.0
@@ -93,18 +95,18 @@ def state_in_eighths(result: ExactResult) -> tuple[State, np.ndarray] | None:
 
 
 def pressure_on_copy(
-    result: ExactResult, contact: ContactFacets, parents: np.ndarray
+    result: ExactResult, copy: State, contact: ContactFacets, parents: np.ndarray
 ) -> np.ndarray | None:
     """The contact pressure of a result at the vertices of the facets of a copy, (facets, 2).
 
-    Order two: affine on each facet of the mesh, and not continuous.  None for order one, where the
-    forces of the state on the copy have the same pressure, and in space.
+    Order two: affine on each facet of the mesh, and not continuous.  Order one: that of the forces
+    on the ``copy``, with the resultant of those of the result.  None in space and for two bodies.
     """
     problem = result.problem
-    if problem.N == 3 or problem.order == 1:
+    if problem.N == 3 or problem.contact_pairs or not problem.contact_names:
         return None
-    if problem.contact_pairs or not problem.contact_names:
-        return None
+    if problem.order == 1:
+        return pressure_with_resultant(result.state, copy, contact)
     cells = Simplices.of(problem.mesh)
     old = ContactFacets(result.discrete, Boundary(problem, cells))
     P = old.pressure(result.state.multipliers)
@@ -120,6 +122,21 @@ def pressure_on_copy(
     share = share / length_squared[:, None]
     P = (1 - share) * P[facet, :1] + share * P[facet, 1:]
     return np.maximum(P, 0.0)
+
+
+def pressure_with_resultant(
+    own: State, copy: State, contact: ContactFacets
+) -> np.ndarray:
+    """The pressure of the forces on a copy, changed to the resultant of those of a state.
+
+    Then stresses around the contact zone balance what is left, see ``strain_nearby``.
+    """
+    P = contact.pressure(copy.multipliers)
+    motions = rigid_motions(contact.boundary.cells.points)
+    pushed = own.discrete.rows.normal.T @ np.maximum(own.multipliers, 0.0)
+    pushed = pushed.reshape(len(own.u), -1)
+    wanted = np.einsum("ni,nik->k", pushed, motions[: len(pushed)])
+    return pressure_of_works(RigidWorks(contact, motions), P, wanted)
 
 
 def balanced_by_copy(

@@ -91,6 +91,18 @@ def holding_pressure(bound_data: BoundData, state: State, P: np.ndarray) -> np.n
     return P
 
 
+def pressure_of_works(
+    works: RigidWorks, P: np.ndarray, wanted: np.ndarray
+) -> np.ndarray:
+    """P (1 + [y . n]) that does the ``wanted`` works (motions,); P where that is negative."""
+    for _ in range(PASSES):
+        factor = 1 + works.change(P, wanted - works.of(P))
+        if factor[P > 0].min(initial=0.0) < 0:
+            break
+        P = P * np.maximum(factor, 0.0)
+    return P
+
+
 def limited_pressure(
     works: RigidWorks, pi: np.ndarray, most: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray | None:

@@ -1,0 +1,55 @@
+"""Contact pressures on bisected copies: their resultant, and what it saves."""
+
+import numpy as np
+import pytest
+
+from ngepc import error_bound, semismooth_newton
+from ngepc.bounds import data
+from ngepc.bounds.bound import clear_copy
+from ngepc.bounds.corners import pressure_on_copy
+from ngepc.model.support import rigid_motions
+from ngepc.studies.bounds import bounded_example
+
+
+@pytest.fixture(scope="module")
+def result():
+    return semismooth_newton(bounded_example("lshape", "uniform", 1601))
+
+
+def works(forces, contact):
+    motions = rigid_motions(contact.boundary.cells.points)
+    return np.einsum("ni,nik->k", forces, motions[: len(forces)])
+
+
+def test_the_pressure_has_force_and_moment_of_the_contact_forces(result):
+    bound_data, carried, _, _, parents = clear_copy(result)
+    contact = bound_data.contact
+    P = pressure_on_copy(result, carried, contact, parents)
+    pushed = contact.moments(P[:, :, None] * contact.normal[:, None])
+    forces = np.zeros_like(carried.u)
+    np.add.at(forces, contact.nodes, pushed)
+    rows = result.discrete.rows.normal.T @ result.state.multipliers
+    wanted = works(rows.reshape(result.state.u.shape), contact)
+    assert P.min() >= 0
+    np.testing.assert_allclose(works(forces, contact), wanted, rtol=1e-12, atol=1e-14)
+    before = contact.pressure(carried.multipliers)
+    assert 0 < np.abs(P - before).max() < 0.1 * before.max()
+
+
+def test_stresses_around_the_contact_zone_need_no_factors(monkeypatch):
+    """And the bound is that with a stress balanced in the whole body, within two percent."""
+    result = semismooth_newton(bounded_example("lshape", "uniform", 6273))
+    factors = []
+    original = data.factorise
+
+    def counted(state, tangent):
+        factors.append(tangent)
+        original(state, tangent)
+
+    monkeypatch.setattr(data, "factorise", counted)
+    bound = error_bound(result)
+    assert not factors
+    monkeypatch.setattr(data, "strain_nearby", lambda *given: None)
+    whole = error_bound(result)
+    assert len(factors) == 1
+    assert bound.total == pytest.approx(whole.total, rel=0.02)
