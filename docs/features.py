@@ -6,8 +6,8 @@ It is made from the constants ``COVERS`` by which the methods refuse what they d
 from pathlib import Path
 
 from ngepc.bounds import coverage as bounds
-from ngepc.bounds import goal_bound, goals, receipt
 from ngepc.dual import blocks
+from ngepc.goals import brackets, goal_bound, receipt
 from ngepc.limit import reading, shakedown
 from ngepc.local import indicators, solver
 from ngepc.model import checks
@@ -25,7 +25,7 @@ METHODS = {
     "bound": bounds.COVERS,
     "goal": goal_bound.COVERS,
     "receipt": receipt.COVERS,
-    "bracket": goals.COVERS,
+    "bracket": brackets.COVERS,
     "limit load": reading.COVERS,
     "shakedown": shakedown.SHAKEDOWN_COVERS,
     "derivative": gradient.COVERS,

@@ -1,1 +1,1 @@
-"""Guaranteed bounds of the energy error, and adaptive refinement."""
+"""Guaranteed bounds of the energy error, by stresses in equilibrium on meshes of every kind."""

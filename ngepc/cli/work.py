@@ -16,8 +16,6 @@ import numpy as np
 from ngsolve import GridFunction
 
 import ngepc
-from ngepc.bounds import check_receipt
-from ngepc.bounds.adaptive import BoundedResult, MeshRecord, solve_to
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.checks.sentences import at_most_percent, outward
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
@@ -26,6 +24,8 @@ from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.result import DualResult
 from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import Coupled
+from ngepc.goals import check_receipt
+from ngepc.goals.adaptive import BoundedResult, MeshRecord, solve_to
 from ngepc.limit.load import LimitRecord, limit_load
 from ngepc.limit.shakedown import shakedown_load
 from ngepc.model.problem import Problem

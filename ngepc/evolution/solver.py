@@ -14,10 +14,8 @@ from pathlib import Path
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc.bounds.adaptive import SMALLEST_ERROR, Refinement, next_mesh
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.counterpart import problem_on_simplices
-from ngepc.bounds.goals import COVERS
 from ngepc.bounds.transfer import carried_function, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
@@ -30,6 +28,8 @@ from ngepc.evolution.load_path import Schedule, as_schedule
 from ngepc.evolution.memory import Memory, check_kind
 from ngepc.evolution.remarks import remarks
 from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
+from ngepc.goals.adaptive import SMALLEST_ERROR, Refinement, next_mesh
+from ngepc.goals.brackets import COVERS
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.cores import crew
 from ngepc.local.solver import RepeatedSolver

@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import ngepc.pictures.style as style
-from ngepc.bounds.adaptive import BoundedResult
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words
+from ngepc.goals.adaptive import BoundedResult
 from ngepc.pictures.collapse import axes_or_new
 from ngepc.pictures.style import COLOURS, styled
 

@@ -12,10 +12,10 @@ import numpy as np
 from ngsolve import CoefficientFunction
 
 from ngepc.bounds.bound import error_bound
-from ngepc.bounds.goal_bound import goal_bound
 from ngepc.checks.arguments import is_number, sample
 from ngepc.checks.sentences import at_most_percent, in_percent
 from ngepc.evolution.result import Evolution
+from ngepc.goals.goal_bound import goal_bound
 from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
 from ngepc.model.hardening import HardeningLaw

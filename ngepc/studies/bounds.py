@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from ngsolve import x, y
 
-from ngepc.bounds.adaptive import MeshRecord, solve_to
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.geometries import block
+from ngepc.goals.adaptive import MeshRecord, solve_to
 from ngepc.methods.newton import semismooth_newton
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem

@@ -17,21 +17,21 @@ from ngepc import (
     semismooth_newton,
     write_receipt,
 )
-from ngepc.bounds import check_receipt, receipt
-from ngepc.bounds.adjoint import AdjointProblem
-from ngepc.bounds.adjoint_conditions import AdjointConditions
 from ngepc.bounds.bound import bound_data_of
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.data import BALANCED, balanced_stress
 from ngepc.bounds.densities import AT_CORNERS, _means_by_flow
-from ngepc.bounds.goal_bound import GoalProblem
 from ngepc.bounds.oscillation import CarriedLoads
-from ngepc.bounds.receipt_file import packed
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.points import Points
 from ngepc.geometries import block
+from ngepc.goals import check_receipt, receipt
+from ngepc.goals.adjoint import AdjointProblem
+from ngepc.goals.adjoint_conditions import AdjointConditions
+from ngepc.goals.goal_bound import GoalProblem
+from ngepc.goals.receipt_file import packed
 
 MATERIAL = Material.kinematic(
     lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2

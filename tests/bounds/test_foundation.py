@@ -22,8 +22,8 @@ from ngepc import (
     write_receipt,
 )
 from ngepc.bounds.bound import data_on
-from ngepc.bounds.integrand import SpringSquares
 from ngepc.geometries import block
+from ngepc.goals.integrand import SpringSquares
 
 ELASTIC = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1e2

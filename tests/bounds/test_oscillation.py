@@ -11,7 +11,6 @@ from ngsolve import CF, sin, x, y, z
 from ngepc import Material, Problem, semismooth_newton, solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.check_receipt import CONSTANTS
 from ngepc.bounds.oscillation import (
     INSIDE,
     OUTSIDE,
@@ -22,6 +21,7 @@ from ngepc.bounds.oscillation import (
 )
 from ngepc.bounds.simplices import Simplices
 from ngepc.geometries import block
+from ngepc.goals.check_receipt import CONSTANTS
 
 MATERIAL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=1e3

@@ -10,15 +10,15 @@ import pytest
 from ngsolve import x
 
 from ngepc import Material, Problem, Swift, Tabulated, Voce, semismooth_newton
-from ngepc.bounds.adjoint import AdjointProblem
 from ngepc.bounds.airy import AirySpace
 from ngepc.bounds.bound import bound_data_of, state_of
-from ngepc.bounds.check_receipt import rolled
 from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.data import stress_coordinates
-from ngepc.bounds.integrand import completed_near
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
+from ngepc.goals.adjoint import AdjointProblem
+from ngepc.goals.check_receipt import rolled
+from ngepc.goals.integrand import completed_near
 
 METAL = Material.kinematic(
     lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2

@@ -8,7 +8,6 @@ from campaigns.crossings import finer
 from ngsolve import CF, L2, GridFunction, x, y
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
-from ngepc.bounds.adaptive import Refinement, solve_to
 from ngepc.bounds.bound import bound_data_of, error_bound
 from ngepc.bounds.polynomials import (
     AT_NODES,
@@ -21,6 +20,7 @@ from ngepc.bounds.polynomials import (
 )
 from ngepc.bounds.transfer import bisected, carried_state, on_mesh
 from ngepc.geometries import block, lshape
+from ngepc.goals.adaptive import Refinement, solve_to
 from ngepc.local.system import DiscreteProblem
 from ngepc.studies.bounds import LIMITS
 from ngepc.studies.examples import example

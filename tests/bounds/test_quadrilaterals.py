@@ -42,12 +42,12 @@ from ngepc import (
     verdict,
     write_receipt,
 )
-from ngepc.bounds import check_receipt
 from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.mapped import MappedElements
 from ngepc.bounds.quadrilaterals import cut_into_triangles, diagonal_middles
 from ngepc.bounds.upper_energy import elastic_energies, upper_energies
 from ngepc.geometries import block
+from ngepc.goals import check_receipt
 
 LOAD = {"right": (2.0, 1.5)}
 BOTH = pytest.mark.parametrize("order", [1, 2])

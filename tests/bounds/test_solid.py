@@ -22,7 +22,6 @@ from ngepc import (
     semismooth_newton,
     solve_to,
 )
-from ngepc.bounds.adaptive import Refinement
 from ngepc.bounds.bound import bound_data_of, bound_of_state, error_bound
 from ngepc.bounds.coverage import FACET_RULES
 from ngepc.bounds.data import Effort
@@ -31,6 +30,7 @@ from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
+from ngepc.goals.adaptive import Refinement
 from ngepc.model.kinematics import SOLID
 from ngepc.studies.bounds import LIMITS, bounded_example
 from ngepc.studies.large import indented_block

@@ -17,9 +17,9 @@ from campaigns.random_problems import BODIES
 
 from ngepc import MeanDisplacement, Reaction, goal_bound, semismooth_newton, solve_to
 from ngepc.bounds.bound import bound_data_of
-from ngepc.bounds.goal_terms import terms_of
 from ngepc.bounds.transfer import on_mesh, with_matching
-from ngepc.bounds.verdicts import FINEST
+from ngepc.goals.goal_terms import terms_of
+from ngepc.goals.verdicts import FINEST
 from ngepc.studies.work import Work
 
 KINDS = ("order 1", "order 2")

@@ -47,6 +47,7 @@ ROOMS = (
     "dual",
     "methods",
     "bounds",
+    "goals",
     "limit",
     "evolution",
     "sensitivity",

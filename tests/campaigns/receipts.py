@@ -19,8 +19,8 @@ from campaigns.intervals import goals_of
 from ngsolve import ET, IntegrationRule
 
 from ngepc import error_bound, goal_bound, semismooth_newton, write_receipt
-from ngepc.bounds import check_receipt
-from ngepc.bounds.receipt_file import packed
+from ngepc.goals import check_receipt
+from ngepc.goals.receipt_file import packed
 from ngepc.studies.work import Work
 
 ENERGIES = ("order 1", "order 2", "solid")

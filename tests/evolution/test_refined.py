@@ -8,11 +8,11 @@ from featured import problem_with
 from ngsolve import Integrate, Mesh, y
 
 from ngepc import Material, Problem, Voce, evolve, load_cycle, semismooth_newton
-from ngepc.bounds.adaptive import Refinement
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.evolution.memory import Memory
 from ngepc.geometries import block
+from ngepc.goals.adaptive import Refinement
 from ngepc.sensitivity.gradient import states_of
 
 MATERIAL = Material(

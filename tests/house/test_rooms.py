@@ -14,6 +14,7 @@ FLOORS = (
     ("local", "primal", "dual"),
     ("methods",),
     ("bounds",),
+    ("goals",),
     ("limit",),
     ("evolution",),
     ("sensitivity",),

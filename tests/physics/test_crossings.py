@@ -29,11 +29,11 @@ from ngepc import (
     shakedown_load,
     write_receipt,
 )
-from ngepc.bounds import check_receipt, goals, receipt
 from ngepc.bounds import coverage as bounds
-from ngepc.bounds import goal_bound as intervals
 from ngepc.dual import blocks
 from ngepc.geometries import block
+from ngepc.goals import brackets, check_receipt, receipt
+from ngepc.goals import goal_bound as intervals
 from ngepc.limit import reading, shakedown
 from ngepc.local import indicators, solver
 from ngepc.model.features import FEATURES
@@ -269,7 +269,7 @@ METHODS = {
     "bound": (by_bound, bounds.COVERS),
     "goal": (by_goal, intervals.COVERS),
     "receipt": (by_receipt, receipt.COVERS),
-    "bracket": (by_bracket, goals.COVERS),
+    "bracket": (by_bracket, brackets.COVERS),
     "limit load": (by_limit_load, reading.COVERS),
     "shakedown": (by_shakedown, shakedown.SHAKEDOWN_COVERS),
     "derivative": (by_derivative, derivatives.COVERS),

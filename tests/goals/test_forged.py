@@ -8,9 +8,9 @@ from campaigns.receipts import opened, passes
 from ngsolve import x
 
 from ngepc import Material, Problem, goal_bound, semismooth_newton, write_receipt
-from ngepc.bounds import check_receipt
-from ngepc.bounds.receipt_file import packed
 from ngepc.geometries import block
+from ngepc.goals import check_receipt
+from ngepc.goals.receipt_file import packed
 
 MATERIAL = Material.kinematic(
     lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2

@@ -43,8 +43,8 @@ import numpy as np
 
 from ngepc.bounds.polynomials import portions, square_integrals
 from ngepc.bounds.simplices import sliced
-from ngepc.bounds.yielding import YieldLaw, dots, largest_of, products, yielding_means
 from ngepc.discretisation.resistance import Resistance
+from ngepc.goals.yielding import YieldLaw, dots, largest_of, products, yielding_means
 
 ANGLES = 12
 """Parts of the interval of angles; the error of the bound falls with the square of their number."""

@@ -16,8 +16,6 @@ import numpy as np
 from ngsolve import CF, ET, VOL, IntegrationRule
 
 from ngepc._version import __version__
-from ngepc.bounds import check_receipt
-from ngepc.bounds.adjoint_conditions import AdjointConditions
 from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state, state_of
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import BUBBLE, EDGES, LEVEL
@@ -25,13 +23,15 @@ from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.goal_bound import GoalBound
-from ngepc.bounds.integrand import BoundPart
 from ngepc.bounds.polynomials import NODES, coefficients
-from ngepc.bounds.receipt_file import in_file_order, numbered_sides
 from ngepc.bounds.simplices import FACETS
 from ngepc.checks.kinds import require_instance, require_path
 from ngepc.discretisation.factors import Factors
+from ngepc.goals import check_receipt
+from ngepc.goals.adjoint_conditions import AdjointConditions
+from ngepc.goals.goal_bound import GoalBound
+from ngepc.goals.integrand import BoundPart
+from ngepc.goals.receipt_file import in_file_order, numbered_sides
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State

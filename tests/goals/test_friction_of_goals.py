@@ -18,8 +18,8 @@ from ngepc import (
     write_receipt,
 )
 from ngepc.bounds.bound import data_on
-from ngepc.bounds.goal_boundary import FrictionTerms
 from ngepc.geometries import block
+from ngepc.goals.goal_boundary import FrictionTerms
 
 MATERIAL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=60.0

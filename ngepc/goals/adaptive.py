@@ -15,9 +15,6 @@ from ngepc._deprecated import renamed
 from ngepc.bounds.bound import ErrorBound, bound_and_search, data_on, thickened
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.goal_bound import COVERS as GOALS
-from ngepc.bounds.goal_bound import GoalBound, GoalProblem, thick_goal
-from ngepc.bounds.goal_terms import is_mean
 from ngepc.bounds.thickness import is_of_thickness_one, with_other_thickness
 from ngepc.bounds.transfer import (
     bisected_to,
@@ -31,6 +28,9 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.factors import Factors
+from ngepc.goals.goal_bound import COVERS as GOALS
+from ngepc.goals.goal_bound import GoalBound, GoalProblem, thick_goal
+from ngepc.goals.goal_terms import is_mean
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from ngepc import goal_bound, semismooth_newton
-from ngepc.bounds import integrand
-from ngepc.bounds.cutting import potential_means
 from ngepc.bounds.polynomials import POWERS, square_integrals, tetrahedron_rule
-from ngepc.bounds.supremum import ScaledLaw
-from ngepc.bounds.whole_cells import WORTH, Spread, whole_means
+from ngepc.goals import integrand
+from ngepc.goals.cutting import potential_means
+from ngepc.goals.supremum import ScaledLaw
+from ngepc.goals.whole_cells import WORTH, Spread, whole_means
 from ngepc.studies.bounds import bounded_example
 
 CELLS = 60

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ngepc.bounds.supremum import Arc, ScaledLaw
-from ngepc.bounds.yielding import by_components
+from ngepc.goals.supremum import Arc, ScaledLaw
+from ngepc.goals.yielding import by_components
 
 
 @pytest.fixture

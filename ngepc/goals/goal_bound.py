@@ -29,7 +29,6 @@ from typing import Any
 import numpy as np
 from ngsolve import L2, GridFunction
 
-from ngepc.bounds.adjoint import Adjoint, AdjointProblem, Start
 from ngepc.bounds.bound import (
     ErrorBound,
     bound_and_search,
@@ -40,15 +39,16 @@ from ngepc.bounds.bound import (
 from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.goal_terms import GoalTerms, terms_of
-from ngepc.bounds.integrand import BoundPart, Integrand, VaryingIntegrand
-from ngepc.bounds.resultant import largest_resultant
-from ngepc.bounds.sub_elements import SubElements
 from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
 from ngepc.bounds.transfer import on_matching
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import interval_in_words
 from ngepc.discretisation.factors import Factors
+from ngepc.goals.adjoint import Adjoint, AdjointProblem, Start
+from ngepc.goals.goal_terms import GoalTerms, terms_of
+from ngepc.goals.integrand import BoundPart, Integrand, VaryingIntegrand
+from ngepc.goals.resultant import largest_resultant
+from ngepc.goals.sub_elements import SubElements
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult

@@ -26,8 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.bounds.polynomials import portions, square_integrals
-from ngepc.bounds.yielding import dots, products
 from ngepc.discretisation.resistance import Resistance
+from ngepc.goals.yielding import dots, products
 
 ROUNDS = 40
 """Most intervals that are halved at a point."""

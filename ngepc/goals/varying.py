@@ -17,9 +17,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ngepc.bounds.cutting import on_child_parts, potential_integrals
 from ngepc.bounds.polynomials import RULE, SPLIT, WEIGHTS
-from ngepc.bounds.supremum import (
+from ngepc.discretisation.resistance import Resistance
+from ngepc.goals.cutting import on_child_parts, potential_integrals
+from ngepc.goals.supremum import (
     PointData,
     ScaledLaw,
     Stresses,
@@ -27,8 +28,7 @@ from ngepc.bounds.supremum import (
     kept_part,
     mean_part,
 )
-from ngepc.bounds.supremum_of_laws import NonlinearLaw
-from ngepc.discretisation.resistance import Resistance
+from ngepc.goals.supremum_of_laws import NonlinearLaw
 
 NAMES = ("tau", "sigma", "volume", "trial", "back", "trace", "strain")
 

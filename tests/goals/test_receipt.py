@@ -24,10 +24,10 @@ from ngepc import (
     write_receipt,
 )
 from ngepc.__main__ import main
-from ngepc.bounds import check_receipt
 from ngepc.bounds.bound import bound_data_of, bound_of
-from ngepc.bounds.receipt_file import packed, passed, ways
 from ngepc.geometries import block
+from ngepc.goals import check_receipt
+from ngepc.goals.receipt_file import packed, passed, ways
 from ngepc.studies.examples import example
 
 MATERIAL = Material.kinematic(

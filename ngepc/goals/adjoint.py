@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from ngepc.bounds.adjoint_conditions import ROUNDING, AdjointConditions
 from ngepc.bounds.data import (
     AdjointStress,
     BoundData,
@@ -24,11 +23,12 @@ from ngepc.bounds.data import (
     spring_energy,
     without_weak_springs,
 )
-from ngepc.bounds.goal_terms import GoalTerms
 from ngepc.bounds.held import RigidWorks, limited_pressure
-from ngepc.bounds.held_rows import Held, HeldRows
-from ngepc.bounds.supremum import dots
 from ngepc.discretisation.factors import Factors
+from ngepc.goals.adjoint_conditions import ROUNDING, AdjointConditions
+from ngepc.goals.goal_terms import GoalTerms
+from ngepc.goals.held_rows import Held, HeldRows
+from ngepc.goals.supremum import dots
 from ngepc.linalg.secants import Compliance
 from ngepc.local.system import State
 

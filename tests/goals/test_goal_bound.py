@@ -21,12 +21,12 @@ from ngepc import (
     goal_bound,
     semismooth_newton,
 )
-from ngepc.bounds.adjoint import AdjointProblem
 from ngepc.bounds.bound import bound_data_of
-from ngepc.bounds.goal_bound import GoalProblem
-from ngepc.bounds.goal_terms import terms_of
-from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots, mean_part
 from ngepc.geometries import block
+from ngepc.goals.adjoint import AdjointProblem
+from ngepc.goals.goal_bound import GoalProblem
+from ngepc.goals.goal_terms import terms_of
+from ngepc.goals.supremum import PointData, ScaledLaw, Stresses, dots, mean_part
 from ngepc.studies.bounds import bounded_example
 from ngepc.studies.examples import example
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ngepc.bounds.goal_boundary import BoundaryTerms
-from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
 from ngepc.discretisation.overlay_law import OverlayLaw
+from ngepc.goals.goal_boundary import BoundaryTerms
+from ngepc.goals.varying import VaryingData, estimated_integrals, integrals
 
 INSIDE = 1 - 1e-12
 """Stresses that yield are shortened by this factor: beyond the bound the supremum is infinite."""

@@ -7,12 +7,12 @@ import pytest
 from ngsolve import CF, L2, GridFunction, Integrate, Mesh, VectorValued, x, y
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
-from ngepc.bounds import adaptive
-from ngepc.bounds.adaptive import Refinement, solve_to
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.simplices import marked
 from ngepc.bounds.transfer import bisected, bisected_to, carried_state, on_mesh
 from ngepc.geometries import block, lshape
+from ngepc.goals import adaptive
+from ngepc.goals.adaptive import Refinement, solve_to
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.studies.bounds import LIMITS

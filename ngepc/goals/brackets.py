@@ -24,14 +24,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ngepc._deprecated import old_names
-from ngepc.bounds.adaptive import SOLVED, TOLERANCE
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.coverage import COVERS as BOUNDED
-from ngepc.bounds.goal_bound import goal_bound
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words, interval_in_words
 from ngepc.discretisation.loads import applied_forces
+from ngepc.goals.adaptive import SOLVED, TOLERANCE
+from ngepc.goals.goal_bound import goal_bound
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
@@ -215,6 +214,3 @@ def slopes(
             t = min(max(wanted, t / 16), 4 * t)
         found.append(sign * best)
     return found[0], found[1], unseen
-
-
-__getattr__ = old_names(__name__)

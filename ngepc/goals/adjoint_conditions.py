@@ -10,7 +10,7 @@ import numpy as np
 
 from ngepc.bounds.contact import BUBBLE, NORMAL_PASSES
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.goal_terms import GoalTerms
+from ngepc.goals.goal_terms import GoalTerms
 
 ROUNDING = 1e-10  # tolerance of the conditions before a node is changed
 VIOLATED = 1e-6

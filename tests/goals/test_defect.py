@@ -8,9 +8,9 @@ from campaigns.receipts import Judge, bernstein, opened, rule
 from ngsolve import x, y
 
 from ngepc import Material, Problem, semismooth_newton, write_receipt
-from ngepc.bounds import check_receipt
-from ngepc.bounds.receipt_file import packed, passed, ways
 from ngepc.geometries import block
+from ngepc.goals import check_receipt
+from ngepc.goals.receipt_file import packed, passed, ways
 
 MATERIAL = Material.kinematic(
     lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2

@@ -7,10 +7,10 @@ import pytest
 from campaigns.intervals import fine_problem, value_of
 
 from ngepc import Material, Overlay, Problem, goal_bound, semismooth_newton
-from ngepc.bounds.goal_bound import GoalProblem
-from ngepc.bounds.sub_elements import shares_of
-from ngepc.bounds.yielding import YieldLaw, perfect_means
 from ngepc.geometries import block
+from ngepc.goals.goal_bound import GoalProblem
+from ngepc.goals.sub_elements import shares_of
+from ngepc.goals.yielding import YieldLaw, perfect_means
 
 TWO_MU = 2e3
 HARDENING = 2e2

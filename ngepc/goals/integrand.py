@@ -6,7 +6,7 @@ mean of its values at the vertices.  Where it is a quadratic on a part it is int
 Parts are cut where bounds differ most from a rule of degree two.  The rest of the supremum is
 affine, or a quadratic.
 
-For order two strains are affine too: ``ngepc.bounds.varying``.
+For order two strains are affine too: ``ngepc.goals.varying``.
 """
 
 from __future__ import annotations
@@ -16,12 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ngepc.bounds.adjoint import Adjoint
 from ngepc.bounds.bound import ErrorBound
 from ngepc.bounds.conjugate import R6, THIN
-from ngepc.bounds.cutting import potential_integrals
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.goal_boundary import BoundaryTerms, FrictionTerms, SpringSquares
 from ngepc.bounds.polynomials import (
     NODES,
     RULE,
@@ -30,14 +27,17 @@ from ngepc.bounds.polynomials import (
     coefficients,
     square_integrals,
 )
-from ngepc.bounds.sub_elements import SubElements
-from ngepc.bounds.supremum import PointData, ScaledLaw, Stresses, dots
-from ngepc.bounds.supremum_of_laws import NonlinearLaw
-from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals
-from ngepc.bounds.whole_cells import whole_integrals
-from ngepc.bounds.yielding import mean_of
 from ngepc.discretisation.law import Law
 from ngepc.discretisation.overlay_law import OverlayLaw
+from ngepc.goals.adjoint import Adjoint
+from ngepc.goals.cutting import potential_integrals
+from ngepc.goals.goal_boundary import BoundaryTerms, FrictionTerms, SpringSquares
+from ngepc.goals.sub_elements import SubElements
+from ngepc.goals.supremum import PointData, ScaledLaw, Stresses, dots
+from ngepc.goals.supremum_of_laws import NonlinearLaw
+from ngepc.goals.varying import VaryingData, estimated_integrals, integrals
+from ngepc.goals.whole_cells import whole_integrals
+from ngepc.goals.yielding import mean_of
 from ngepc.local.system import State
 
 SAMPLED = 1000

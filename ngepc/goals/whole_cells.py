@@ -28,9 +28,9 @@ from functools import reduce
 import numpy as np
 
 from ngepc.bounds.polynomials import portions, worth_keeping
-from ngepc.bounds.supremum import ScaledLaw
-from ngepc.bounds.supremum_of_laws import NonlinearLaw
-from ngepc.bounds.yielding import (
+from ngepc.goals.supremum import ScaledLaw
+from ngepc.goals.supremum_of_laws import NonlinearLaw
+from ngepc.goals.yielding import (
     LEAST_BEND,
     YieldLaw,
     largest_of,

@@ -8,11 +8,11 @@ import pytest
 from campaigns.crossings import finer
 
 from ngepc import MeanDisplacement, Voce, goal_bound, semismooth_newton
-from ngepc.bounds.supremum import ScaledLaw
-from ngepc.bounds.supremum_of_laws import NonlinearLaw
-from ngepc.bounds.yielding import by_components
 from ngepc.discretisation.resistance import Resistance
 from ngepc.geometries import block
+from ngepc.goals.supremum import ScaledLaw
+from ngepc.goals.supremum_of_laws import NonlinearLaw
+from ngepc.goals.yielding import by_components
 
 COUNT = 200
 

@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ngepc.bounds import check_receipt
+from ngepc.goals import check_receipt
 
 LAYERED = "u", "stress", "body_force", "prescribed", "traction", "gap", "pressure"
 """Arrays with a layer for the energy, and one for the adjoint of a goal."""

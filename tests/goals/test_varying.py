@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ngepc.bounds.polynomials import NODES, RULE, TO_NODES, WEIGHTS, coefficients
-from ngepc.bounds.varying import VaryingData, estimated_integrals, integrals, scaled_law
+from ngepc.goals.varying import VaryingData, estimated_integrals, integrals, scaled_law
 
 TWO_MU = 2e3
 BETA = 5.0

@@ -10,11 +10,11 @@ from typing import Any
 
 from ngsolve import ET, CoefficientFunction, IfPos, Mesh
 
-from ngepc.bounds.adaptive import BoundedResult, MeshRecord, Refinement, solve_to
 from ngepc.bounds.bound import error_bound, solved_problem
-from ngepc.bounds.goal_bound import GoalBound
 from ngepc.checks.arguments import require_number
 from ngepc.checks.sentences import at_most_percent, in_percent
+from ngepc.goals.adaptive import BoundedResult, MeshRecord, Refinement, solve_to
+from ngepc.goals.goal_bound import GoalBound
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem

@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from ngepc.bounds.polynomials import SPLIT, portions, worth_keeping
-from ngepc.bounds.supremum import ScaledLaw
-from ngepc.bounds.supremum_of_laws import NonlinearLaw
-from ngepc.bounds.yielding import by_components
+from ngepc.goals.supremum import ScaledLaw
+from ngepc.goals.supremum_of_laws import NonlinearLaw
+from ngepc.goals.yielding import by_components
 
 SPLITS = {3: 3, 4: 2, 6: 3}
 """Most levels of cutting, by the number of coefficients on a part."""

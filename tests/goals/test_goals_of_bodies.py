@@ -32,10 +32,10 @@ from ngepc import (
     verdict,
 )
 from ngepc.bounds.bound import bound_data_of
-from ngepc.bounds.goal_bound import GoalProblem
 from ngepc.bounds.held import RigidWorks, limited_pressure
-from ngepc.bounds.resultant import largest_resultant
 from ngepc.geometries import block
+from ngepc.goals.goal_bound import GoalProblem
+from ngepc.goals.resultant import largest_resultant
 
 MODULUS = 8e3 / 3
 """4 mu (lambda + mu) / (lambda + 2 mu): stress over strain of a column in plane strain."""

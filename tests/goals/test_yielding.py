@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from ngepc.bounds.cutting import coefficient_means
 from ngepc.bounds.polynomials import POWERS, tetrahedron_rule
-from ngepc.bounds.supremum import ScaledLaw
-from ngepc.bounds.yielding import by_components
+from ngepc.goals.cutting import coefficient_means
+from ngepc.goals.supremum import ScaledLaw
+from ngepc.goals.yielding import by_components
 
 PARTS = 40
 FACTOR = 1.7

@@ -1,0 +1,1 @@
+"""Guaranteed intervals of forces and displacements: meshes that follow them, verdicts, receipts."""
