@@ -23,7 +23,7 @@ SPANNED = 1e-12
 
 ROUNDING = 3e-14  # relative size of rounding in a product S force
 FIRST = 3e-2  # part of the slack below which the first change counts as rounding
-LEFT = 1e-6  # part of the residual at which minimal residuals end
+LEFT = 1e-3  # part of the residual at which minimal residuals end
 RESTARTS = 4  # largest number of products, relative to the number of rows
 
 

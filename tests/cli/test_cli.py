@@ -35,7 +35,7 @@ def record_of(capsys, *arguments):
 def test_solve_prints_one_json_object_with_the_fields_of_the_schema(choice, capsys):
     record = record_of(capsys, "lshape", "--nodes", "113", *choice)
     assert list(record) == list(FIELDS)
-    assert record["schema"] == 1
+    assert record["schema"] == 2
     assert (record["problem"], record["nodes"], record["elements"]) == (
         "lshape",
         113,

@@ -10,6 +10,20 @@ from ngepc.results import iteration
 from ngepc.results.iteration import end_of, newton_step
 
 
+class FixedTarget:
+    """A target that is the same everywhere, with ``better`` for steps that are refused."""
+
+    def __init__(self, *step, better=None):
+        self._step = step
+        self._better = better
+
+    def __call__(self, here, tangent, before):
+        return self._step
+
+    def closer(self):
+        return self._better
+
+
 def test_contact_forces_go_as_far_as_the_displacements(monkeypatch):
     """phi'(t) = t - 1/2: half of the step, half of the change of the contact forces."""
     monkeypatch.setattr(iteration, "contact_work", lambda *_: (lambda t: 0.0, 0.0))
@@ -22,10 +36,27 @@ def test_contact_forces_go_as_far_as_the_displacements(monkeypatch):
         touching_distance=1.0,
         along=lambda change: (lambda t: t, lambda t, contact: (t, contact)),
     )
-    target = lambda *_: (np.ones(2), np.array([2.0, 7.0]))  # noqa: E731
+    target = FixedTarget(np.ones(2), np.array([2.0, 7.0]))
     (t, contact), length, _ = newton_step(here, None, target, None)
     assert t == length == pytest.approx(0.5, rel=1e-3)
     np.testing.assert_allclose(contact, [1.0 + t, 3.0 + 4.0 * t])
+
+
+def test_a_step_that_does_not_lower_the_energy_is_repeated_with_a_closer_one(
+    monkeypatch,
+):
+    accepted = (SimpleNamespace(), 0.5, 3)
+    asked = []
+
+    def searched(here, change, forces):
+        asked.append(forces)
+        return accepted if forces == "close" else None
+
+    monkeypatch.setattr(iteration, "searched", searched)
+    target = FixedTarget(None, "rough", better=FixedTarget(None, "close"))
+    assert newton_step(None, None, target, None) == accepted
+    assert asked == ["rough", "close"]
+    assert newton_step(None, None, FixedTarget(None, "rough"), None) is None
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
