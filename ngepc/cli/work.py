@@ -48,8 +48,6 @@ from ngepc.studies.limit_problems import GROWING, LIMITS
 from ngepc.studies.shakedown_problems import SHAKEDOWNS
 from ngepc.studies.work import Work
 
-HOPELESS = 1e3
-"""An interval wider than this times its middle is not refined to a percentage."""
 FINGERPRINT = {"kind": "run of ngepc solve", "version": 5}
 NUMBERS = {
     "status": "status",
@@ -185,21 +183,15 @@ def _refined(
 ) -> tuple[Result, BoundedResult]:
     """The result on the last mesh for ``--error`` or ``--goal``, and the run."""
     report = reporter(args.quiet)
-    hopeless = ""
 
     def note(mesh: MeshRecord) -> None:
         """Report a mesh: nodes, steps, and the error or the interval of the goal."""
-        nonlocal hopeless
         size = f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps"
         found = f"energy error at most {at_most_percent(mesh.relative, 3)}"
         if args.goal is not None:
             ends = " and ".join(outward(mesh.lower, mesh.upper))
             found = f"{args.goal} between {ends}"
         report(f"{size}: {found}")
-        middle = abs(mesh.lower + mesh.upper) / 2
-        if mesh.upper - mesh.lower > HOPELESS * middle:
-            hopeless = f"The {args.goal} is about 0: no mesh gives it to a percentage."
-            raise StopIteration
 
     if args.goal is None:
         bounded = solve_to(problem, args.error, monitor=note)
@@ -209,8 +201,7 @@ def _refined(
         report(str(bounded.goal))
     result = bounded.result
     if result.status.is_success and not bounded.reached:
-        ending = hopeless or bounded.message
-        result = replace(result, status=Status.MESH_LIMIT, ending=ending)
+        result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)
     return result, bounded
 
 

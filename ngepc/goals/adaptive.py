@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple
 
@@ -52,6 +52,7 @@ ENERGIES = ("energy", "total", "algebraic")
 # Newton pauses at a step that lowers the energy by less than this fraction of the last bound
 SMALL_STEP = 0.1
 FEWER = 0.45  # approximate ratio of the nodes of a mesh and of the next one
+HOPELESS = 1e3  # width of an interval over its middle from which on it lies around zero
 LEAST_LEFT = 1e-6  # smallest part of an error that a sequence of meshes aims at
 AIM = 0.97  # meshes aim at this fraction of the tolerance, as expected errors are not exact
 SLOWEST = 1.6
@@ -232,6 +233,7 @@ def refined(
         here = BoundedResult(result, bound, tolerance, records, "", interval)
         records.append(mesh_record(here, steps))
         message = ending(result, reported(records[-1], monitor))
+        message = message or about_zero(goal, records)
         if message or here.reached:
             return replace(here, message=message)
 
@@ -318,6 +320,20 @@ def ending(result: ExactResult, stopped: str) -> str:
     if stopped or result.status in SOLVED:
         return stopped
     return result.ending or result.status.value
+
+
+def about_zero(goal: object, records: Sequence[MeshRecord]) -> str:
+    """Why no mesh gives a percentage of a goal: two intervals lie around zero; empty otherwise.
+
+    One alone may lie around zero by chance.
+    """
+    last = records[-2:]
+    if goal is None or len(last) < 2:
+        return ""
+    if any(r.upper - r.lower <= HOPELESS * abs(r.upper + r.lower) / 2 for r in last):
+        return ""
+    name = goal if isinstance(goal, str) else "goal"
+    return f"The {name} is about 0: no mesh gives it to a percentage."
 
 
 def reported(record: MeshRecord, monitor: Callable[[MeshRecord], None] | None) -> str:

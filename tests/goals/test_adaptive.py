@@ -260,3 +260,22 @@ def test_arguments_are_checked():
         Refinement(marking=2)
     with pytest.raises(TypeError, match="options"):
         solve_to(problem, options=0.5)
+
+
+def test_a_goal_that_is_zero_ends_at_the_second_mesh():
+    """A body that never touches has the contact force 0; one interval would be no reason."""
+    problem = replace(lshape_problem(lshape.paper_mesh(33)), gap=10.0)
+    run = solve_to(problem, goal="contact_force")
+    assert not run.reached
+    assert len(run.records) == 2
+    assert run.goal.lower <= 0.0 <= run.goal.upper
+    assert "The contact_force is about 0" in run.message
+
+
+def test_one_interval_around_zero_does_not_end_a_run():
+    wide = adaptive.MeshRecord(9, 1, 0.0, 1.0, 0.0, 1.0, -1.0, 1.0001)
+    narrow = replace(wide, lower=0.5, upper=0.6)
+    assert not adaptive.about_zero("work", [wide])
+    assert not adaptive.about_zero("work", [narrow, wide])
+    assert not adaptive.about_zero(None, [wide, wide])
+    assert "goal is about 0" in adaptive.about_zero(object(), [narrow, wide, wide])
