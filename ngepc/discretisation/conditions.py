@@ -52,15 +52,25 @@ class ContactConditions:
     processes: Team
     """The processes that share the body; each has the rows at its vertices."""
     own: slice | np.ndarray  # selects the forces of rows that belong to this process
+    vertex_areas: np.ndarray
+    """Integrals of the hat functions over the contact boundaries, shape (vertices,).
+
+    Rows that supports hold belong to them: those beside are shared with their vertices.
+    """
     matrix: csr_matrix  # R, shape (n, nodes N), n = m without friction and m N with it
     absent: bool  # whether the problem has neither contact nor rollers, on no process
 
     def __init__(self, problem: Problem, supports: Supports) -> None:
         pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
         rollers = roller_rows(problem, supports)
-        obstacles, self._row_gaps = rows_and_gaps(problem, supports)
+        obstacles, self._row_gaps = rows_and_gaps(problem)
         self.absent = not (problem.touching_names or rollers)
-        parts = [obstacles, *pairs, *rollers.values()]
+        self._movable = obstacles.movable(supports.free)
+        parts = [obstacles.chosen(self._movable)]
+        for pair in pairs:
+            tied = pair.tied.all()
+            parts.append(pair if tied else pair.chosen(pair.movable(supports.free)))
+        parts += rollers.values()
         rows = joined(parts)
         ends = np.cumsum(list(map(len, parts))).tolist()
         self.rows = rows
@@ -74,6 +84,7 @@ class ContactConditions:
         self._own_rows = self.processes.owned(rows.nodes)
         self._vertices = problem.processes
         self._vertex_count = problem.mesh.nv
+        self.vertex_areas = self._areas([obstacles, *pairs])
         tangents = np.repeat(rows.nodes, self.friction.d)
         self.own = self.processes.owned(np.append(rows.nodes, tangents))
         self.matrix = rows.normal
@@ -81,6 +92,16 @@ class ContactConditions:
             self.matrix = vstack([rows.normal, rows.tangential], format="csr")
         self._closed_at = self._closed(problem, supports)
         self._transposed = self.matrix.T.tocsr()
+
+    def _areas(self, boundaries: list[ContactRows]) -> np.ndarray:
+        """See ``vertex_areas``; of all rows of obstacles and of pairs."""
+        areas = np.zeros(self._vertex_count)
+        for rows in boundaries:
+            own = np.zeros(len(rows))
+            mine = self.processes.owned(rows.nodes)
+            own[mine] = rows.weights[mine]
+            areas += rows.at_vertices(np.where(rows.tied, 0.0, own), len(areas))
+        return self._vertices.summed(areas)
 
     def _closed(self, problem: Problem, supports: Supports) -> np.ndarray:
         """R u at which the gaps are closed and the slips are zero, shape (n,)."""
@@ -101,7 +122,8 @@ class ContactConditions:
         """The same conditions for another gap of the obstacles, and start of the step."""
         gaps = self.rows.gaps.copy()
         if self._row_gaps is not None:
-            gaps[self.on_obstacles] = self._row_gaps(gap_records(problem))
+            known = self._row_gaps(gap_records(problem))
+            gaps[self.on_obstacles] = known[self._movable]
         other = copy(self)
         other.rows = replace(self.rows, gaps=gaps)
         other._closed_at = other._closed(problem, supports)

@@ -41,7 +41,10 @@ COVERED = 1e-6  # rows with a smaller fraction of the largest weight are left ou
 
 
 def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactRows:
-    """The contact rows at the first of two boundaries; a ValueError if they do not overlap."""
+    """The rows at the first of two boundaries; a ValueError if they do not overlap.
+
+    Rows of contact are all of them, also those that supports hold.
+    """
     one, two = surfaces_of(problem, pair)
     at = overlap(one, two)
     if not len(at.weights):
@@ -55,7 +58,7 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
     if pair.tied:
         return _tied_rows(means, jumps, free)
     normals = unit_vectors(means.averages @ at.normals)
-    rows = rows_along(
+    return rows_along(
         normals,
         means.averages @ jumps,
         means.averages @ means_along(jumps, at.normals),
@@ -65,7 +68,6 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
         weights=means.area,
         free=free,
     )
-    return rows.chosen(rows.movable(supports.free))
 
 
 def surfaces_of(problem: Problem, pair: Contact) -> tuple[Surface, Surface]:

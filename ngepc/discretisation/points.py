@@ -144,6 +144,28 @@ class Elements:
         ).swapaxes(0, 1)
         return sum(at_points[1:], at_points[0])
 
+    def diagonal(self, bulk: np.ndarray, shear: np.ndarray) -> np.ndarray:
+        """Diagonal of B' C B for C = bulk I (x) I + shear Id, shape (elements, k, N).
+
+        A square of a row b . g is b b' : g g', so that products of slopes g are summed, without
+        rows.
+        """
+        bulk, shear = (self.weights * modulus[self.points] for modulus in (bulk, shear))
+        products = self.slopes[..., :, None] * self.slopes[..., None, :]
+        volume, *shape = np.einsum("scj,sck->sjkc", self.basis, self.basis)
+        found = self._product_sums(shear, products) @ _flat_products(sum(shape))
+        if not self.averaged:
+            return found + self._product_sums(bulk, products) @ _flat_products(volume)
+        trace = self.slopes @ self.basis[0].T
+        mean = np.einsum("ep,epkc->ekc", self._shares, trace)
+        return found + bulk.sum(axis=1)[:, None, None] * mean**2
+
+    def _product_sums(self, weights: np.ndarray, products: np.ndarray) -> np.ndarray:
+        """Weighted sums over the points of products of slopes, (elements, k, slopes^2)."""
+        count, points, k = products.shape[:3]
+        sums = np.matmul(weights[:, None], products.reshape(count, points, -1))
+        return sums.reshape(count, k, -1)
+
     def stiffness(self, moduli: Moduli) -> Iterator[np.ndarray]:
         """B' C B by two matrices of each element, L, then G, shapes (elements, k N, k N).
 
@@ -206,6 +228,11 @@ class Elements:
         stresses = np.matmul(weighted, strains)
         flat = (len(strains), -1, strains.shape[-1])
         return np.matmul(strains.reshape(flat).swapaxes(1, 2), stresses.reshape(flat))
+
+
+def _flat_products(matrices: np.ndarray) -> np.ndarray:
+    """Matrices (slopes, slopes, N) as maps of flat products of slopes, (slopes^2, N)."""
+    return matrices.reshape(-1, matrices.shape[2])
 
 
 def _weighted_squares(rows: np.ndarray, factors: np.ndarray) -> np.ndarray:
@@ -387,12 +414,7 @@ class Points:
 
     def diagonal(self, bulk: np.ndarray, shear: np.ndarray) -> np.ndarray:
         """Diagonal of B' C B for C = bulk I (x) I + shear Id, shape (nodes, N)."""
-        C = self.weights[:, None] * np.column_stack(
-            [bulk, *[shear] * self.kinematics.d]
-        )
-        return self._gathered(
-            lambda p: np.einsum("eps,epsk->ek", C[p.points], p.rows() ** 2)
-        )
+        return self._gathered(lambda part: part.diagonal(bulk, shear))
 
     def _gathered(self, local: Callable[[Elements], np.ndarray]) -> np.ndarray:
         """Sums over elements of the values at their nodes, shape (nodes, N)."""

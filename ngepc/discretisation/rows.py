@@ -14,7 +14,7 @@ the polynomials, are positive, which those of nodal values on quadratic triangle
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -100,10 +100,9 @@ class RowGaps:
     sums: csr_matrix  # sums of records for each row, shape (all rows, records)
     weights: np.ndarray  # areas of the records
     coefficients: csr_matrix | None  # of order two, from means at the nodes of the rows
-    chosen: np.ndarray  # rows that supports do not hold
 
     def __call__(self, known: NodeGaps) -> np.ndarray:
-        """From those of the records, shape (m,).
+        """From those of the records, also for rows that supports hold, shape (all rows,).
 
         Coefficients of order two are those of the values at the nodes of the rows, except where the
         gap jumps at a node: there they are those of the facets.
@@ -119,8 +118,7 @@ class RowGaps:
             lowest = np.maximum.reduceat(known.least[sums.indices], sums.indptr[:-1])
             gaps = np.maximum(gaps, lowest)
         falls = known.lowered[sums.indices]
-        gaps = gaps - np.maximum.reduceat(falls, sums.indptr[:-1])
-        return gaps[self.chosen]
+        return gaps - np.maximum.reduceat(falls, sums.indptr[:-1])
 
     def _mean(self, values: np.ndarray) -> np.ndarray:
         """The means of values of the records, (all rows,)."""
@@ -215,13 +213,12 @@ def meeting_faces(
 
 def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
-    return rows_and_gaps(problem, supports)[0]
+    rows = rows_and_gaps(problem)[0]
+    return rows.chosen(rows.movable(supports.free))
 
 
-def rows_and_gaps(
-    problem: Problem, supports: Supports
-) -> tuple[ContactRows, RowGaps | None]:
-    """The rows, and ``RowGaps`` for other gaps; None without a contact boundary."""
+def rows_and_gaps(problem: Problem) -> tuple[ContactRows, RowGaps | None]:
+    """All rows, also those that supports hold, and ``RowGaps``; None without contact boundary."""
     if not problem.contact_names:
         return _no_rows(problem), None
     own, means = facet_records(problem)
@@ -244,12 +241,9 @@ def rows_and_gaps(
         means = coefficients @ means
         along = coefficients @ along
     at = {"nodes": nodes, "corners": records["corners"][first]}
-    without_gaps = {"gaps": np.zeros(len(nodes)), "weights": area}
-    rows = rows_along(normals, means, along, **at, **without_gaps)
-    chosen = rows.movable(supports.free)
-    gaps = RowGaps(sums, weights, coefficients, chosen)
+    gaps = RowGaps(sums, weights, coefficients)
     known = gaps(NodeGaps(*(records[name] for name in NodeGaps._fields)))
-    return replace(rows.chosen(chosen), gaps=known), gaps
+    return rows_along(normals, means, along, **at, gaps=known, weights=area), gaps
 
 
 def _no_rows(problem: Problem) -> ContactRows:

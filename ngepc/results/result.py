@@ -301,7 +301,7 @@ class DiscreteSolution(Result):
         components = forces.shape[1]
         space = H1(mesh, order=1) if components == 1 else VectorH1(mesh, order=1)
         density = GridFunction(space, name=name)
-        area = conditions.at_vertices(conditions.rows.weights)
+        area = conditions.vertex_areas
         values = density.vec.FV().NumPy().reshape(components, mesh.nv)
         values += conditions.at_vertices(forces).T
         values /= np.where(area > 0, area, 1.0)

@@ -220,7 +220,7 @@ def _of_form(form: Form, state: State) -> Slope:
     mean, deviator = law.stress(state.at)
     values = {"p": total, "stress": deviator, "mean": mean}
     parts = [functions.function(value) for value in values.values()]
-    area = rows.at_vertices(rows.weights, mesh.nv)
+    area = discrete.contact.vertex_areas
     forces = rows.at_vertices(np.where(rows.tied, 0.0, state.multipliers), mesh.nv)
     share = 1 / np.where(area > 0, area, np.inf)
     pressure = share * forces

@@ -132,3 +132,23 @@ def test_pressures_of_rows_make_the_resultant():
     shared = rows.at_vertices(result.pressing, result.problem.mesh.nv)
     assert shared.sum() == pytest.approx(result.contact_force)
     assert result.contact_resultant[2] == pytest.approx(-result.contact_force)
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("order", [1, 2])
+def test_pressures_beside_clamps_integrate_to_the_force(body, order):
+    """Rows at the edge of a clamp are held, but their area belongs to the boundary."""
+    mesh = BODIES[body](3)
+    push = (1.0,) + (0.0,) * (mesh.dim - 2) + (8.0,)
+    beside = {"clamped": "clamped|left|right", "order": order, "friction": 0.2}
+    result = semismooth_newton(
+        replace(pressed(mesh, 0.0), body_force=push, **beside)
+    ).raise_for_status()
+    on_contact = {"definedon": mesh.Boundaries("contact")}
+    assert Integrate(1.0, mesh, **on_contact) - result.rows.weights.sum() > 0.05
+    assert result.contact_force > 0
+    total = Integrate(result.contact_pressure, mesh, **on_contact)
+    assert total == pytest.approx(result.contact_force, rel=1e-12)
+    dragged = Integrate(result.friction_stress, mesh, **on_contact)
+    size = 1e-12 * result.contact_force
+    assert dragged == pytest.approx(result.friction_force, abs=size)
