@@ -190,7 +190,7 @@ def _refined(
         found = f"energy error at most {at_most_percent(mesh.relative, 3)}"
         if args.goal is not None:
             ends = " and ".join(outward(mesh.lower, mesh.upper))
-            found = f"{args.goal} between {ends}"
+            found = f"{args.goal.replace('_', ' ')} between {ends}"
         report(f"{size}: {found}")
 
     if args.goal is None:

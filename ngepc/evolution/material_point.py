@@ -77,6 +77,22 @@ class PointHistory:
             self.stress - mean * np.eye(3), axis=(1, 2)
         )
 
+    def curve(self, component: str = "xx") -> tuple[np.ndarray, np.ndarray]:
+        """Strain and stress of a component from the origin on, shape (1 + increments,) each.
+
+        ``axes.plot(*history.curve("xx"))`` draws the curve of a bar.  ValueError for a component
+        that is none of 'xx', 'yy', 'zz', 'xy', 'xz', 'yz'.
+        """
+        if component not in COMPONENTS:
+            legal = ", ".join(COMPONENTS)
+            raise ValueError(
+                f"component={in_words(component)}: one of {legal} is needed"
+            )
+        i, j = ("xyz".index(letter) for letter in component)
+        tensors = (self.strain, self.stress)
+        strain, stress = (np.append(0.0, tensor[:, i, j]) for tensor in tensors)
+        return strain, stress
+
 
 @one_blas_thread
 def material_point(

@@ -332,7 +332,7 @@ def about_zero(goal: object, records: Sequence[MeshRecord]) -> str:
         return ""
     if any(r.upper - r.lower <= HOPELESS * abs(r.upper + r.lower) / 2 for r in last):
         return ""
-    name = goal if isinstance(goal, str) else "goal"
+    name = goal.replace("_", " ") if isinstance(goal, str) else "goal"
     return f"The {name} is about 0: no mesh gives it to a percentage."
 
 

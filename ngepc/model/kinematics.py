@@ -101,6 +101,11 @@ class Kinematics:
         return len(self.basis)
 
     @property
+    def directions(self) -> tuple[str, str, str]:
+        """Names of the directions of tensors: r, z and θ around the axis of a ring, or x, y, z."""
+        return ("r", "z", "θ") if self.hoop else ("x", "y", "z")
+
+    @property
     def weight(self) -> CoefficientFunction:
         """The factor of volume and surface integrals: 2 pi r for a ring, a thickness, 1."""
         return 2 * math.pi * x if self.hoop else CF(self.thickness)

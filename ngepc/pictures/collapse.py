@@ -74,7 +74,8 @@ def plot_mechanism(
     else:
         draw_plane(axes, limit, density, top)
     ends = " and ".join(outward(limit.lower, limit.upper, 5))
-    axes.set_title(f"load factor between {ends}")
+    which = "shakedown" if isinstance(limit, ShakedownLoad) else "load"
+    axes.set_title(f"{which} factor between {ends}")
     return axes.figure
 
 

@@ -13,6 +13,7 @@ from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.evolution.result import Evolution
+from ngepc.model.problem import Problem
 from ngepc.pictures.drawable import UnitNames, fields_of, require_units, sources_of
 from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
@@ -175,9 +176,9 @@ def plot_curve(
         style = line_style(index, len(one.steps))
         columns = quantity_of("x", one, x), quantity_of("y", one, y)
         axes.plot(*columns, label=label or None, **style)
-    names = units_of(units, next(iter(histories.values())).problem)
-    axes.set_xlabel(words_for(x, names) if xlabel is None else xlabel)
-    axes.set_ylabel(words_for(y, names) if ylabel is None else ylabel)
+    problem = next(iter(histories.values())).problem
+    axes.set_xlabel(words_for(x, problem, units) if xlabel is None else xlabel)
+    axes.set_ylabel(words_for(y, problem, units) if ylabel is None else ylabel)
     if any(histories):
         axes.legend()
     return axes.figure
@@ -212,10 +213,11 @@ def quantity_of(argument: str, history: Evolution, quantity: Quantity) -> list[f
     return history.column(name)
 
 
-def words_for(quantity: Quantity, units: Mapping[str, str]) -> str:
-    """The label of an axis; ``units`` are kinds of quantities -> units."""
+def words_for(quantity: Quantity, problem: Problem, names: UnitNames) -> str:
+    """The label of an axis for a quantity of a history of this problem."""
     if not isinstance(quantity, str):
         return ""
+    units = units_of(names, problem)
     name, _, support = quantity.partition(":")
     if name in WORDS:
         words, kind = WORDS[name]
@@ -226,7 +228,8 @@ def words_for(quantity: Quantity, units: Mapping[str, str]) -> str:
     words, kind = WORDS[vector]
     if support:
         words = words.replace("the supports", f"support '{support}'")
-    words = f"{words}, component {letter}"
+    direction = problem.kinematics.directions["xyz".index(letter)]
+    words = f"{words}, component {direction}"
     return f"{words} ({units[kind]})" if units.get(kind) else words
 
 

@@ -107,7 +107,8 @@ def drawable(
     """The field called ``field`` of a result or of recovered ``Fields``, or a coefficient.
 
     Vectors and matrices are drawn by their Euclidean and Frobenius norms, their components by
-    names such as 'displacement_x' and 'stress_xy'; of solids also their 'contact_pressure'.
+    names such as 'displacement_x' and 'stress_xy' (of bodies of revolution x is the radius, y the
+    axis, z the circumference); of solids also their 'contact_pressure'.
     """
     fields = fields_of(source)
     if isinstance(field, CoefficientFunction):
@@ -132,7 +133,8 @@ def drawable(
     rank = len(coefficient.dims) if coefficient.dim > 1 else 0
     if letters:
         coefficient = _component(field, coefficient, letters, rank)
-        symbol = f"{symbol}_{{{letters}}}"
+        names = dict(zip("xyz", fields.problem.kinematics.directions, strict=True))
+        symbol = f"{symbol}_{{{''.join(names[letter] for letter in letters)}}}"
         colormap = SIGNED
     elif rank:
         coefficient = frobenius(coefficient)
@@ -213,6 +215,7 @@ def on_one_scale(
             replace(sampled, values=np.maximum(sampled.values, 0.0))
             for sampled in corners
         ]
+        ends = (0.0 if ends[0] is None else ends[0], ends[1])
     limits = colour_scale(*corners, ends=ends, symmetric=colormap == SIGNED)
     return what, corners, ScalarMappable(limits, require_colours(cmap) or colormap)
 

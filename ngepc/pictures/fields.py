@@ -32,7 +32,7 @@ from ngepc.pictures.drawable import (
     require_units,
     sources_of,
 )
-from ngepc.pictures.meshes import draw_names, is_mesh
+from ngepc.pictures.meshes import axis_names, draw_names, is_mesh
 from ngepc.pictures.sampling import Corners, corners_of, obstacle_lines, visible
 from ngepc.pictures.stills import Angles, draw_solid, solid_image
 from ngepc.pictures.style import Picture, styled
@@ -328,7 +328,8 @@ class Drawing(Declared):
             line = {"colors": colour, "linewidths": width, "zorder": above}
             axes.add_collection(LineCollection(segments, **line))
         length = self.units.of("length")
-        axes.set(xlabel=f"x{length}", ylabel=f"y{length}", aspect="equal")
+        first, second = axis_names(fields.problem)
+        axes.set(xlabel=f"{first}{length}", ylabel=f"{second}{length}", aspect="equal")
         axes.grid(False)
         axes.autoscale_view()
         axes.margins(0.03)

@@ -34,6 +34,7 @@ from ngepc.pictures.sliders import Change, Slider, changed
 from ngepc.pictures.views import (
     LINES,
     View,
+    lines_of,
     pressure_peak,
     scene_of,
     show,
@@ -145,8 +146,7 @@ class Laboratory:
     def setup(self) -> dict:
         """The sliders and the first picture."""
         sliders = [vars(slider) for slider in self.sliders]
-        plane = self.problem.N == 2 and self.problem.touching_names
-        lines = list(LINES.items()) if plane else []
+        lines = [(name, LINES[name]) for name in lines_of([self.last]).names]
         return {"sliders": sliders, "frame": self.first, "lines": lines}
 
     @cached_property
@@ -213,7 +213,8 @@ class Laboratory:
         corners = corners_of(fields, drawn.coefficient, cuts=cuts)
         self._widen(drawn, corners)
         self.peak = max(self.peak, self._peak_of(result))
-        given = self.colours, self.drawing, self.peak
+        lines = lines_of([result])._replace(peak=self.peak)
+        given = self.colours, self.drawing, lines
         scene = scene_of(result, drawn, corners, *given, outline_of(result, cuts))
         position = self._position(values)
         caption = position if exact else f"{position}: predicted, solving ..."

@@ -75,8 +75,7 @@ def plot_material(
         bar = material_point(
             material, strain={"xx": path}, steps=STEPS, duration=duration
         )
-        e = [0.0, *bar.strain[:, 0, 0]]
-        stress = [0.0, *bar.stress[:, 0, 0]]
+        e, stress = bar.curve("xx")
         loaded = slice(0, STEPS + 1)
         axes.plot(e[loaded], stress[loaded], color=colour, label=title or None)
         axes.plot(e[STEPS:], stress[STEPS:], color=colour, linewidth=0.7)

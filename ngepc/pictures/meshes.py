@@ -58,6 +58,12 @@ def drawn_mesh(source: Mesh | Problem) -> Mesh:
     return source.mesh if isinstance(source, Problem) else source
 
 
+def axis_names(source: Mesh | Problem) -> tuple[str, ...]:
+    """Names of the coordinates: x, y, z; of bodies of revolution r and z."""
+    ring = isinstance(source, Problem) and source.kinematics.hoop
+    return ("r", "z") if ring else ("x", "y", "z")[: drawn_mesh(source).dim]
+
+
 def boundary_labels(source: Mesh | Problem) -> dict[str, str]:
     """Name of each boundary -> its label, for a problem with its loads and supports."""
     names = dict.fromkeys(drawn_mesh(source).GetBoundaries())
@@ -107,6 +113,8 @@ def draw_names(
     axes = Picture(figsize=(5.8, 4.2)).subplots() if axes is None else axes
     draw = _draw_plane if mesh.dim == 2 else _draw_solid
     drawn = draw(axes, UndeformedMesh(mesh), Part(body, None, cut), view)
+    if mesh.dim == 2:
+        axes.set(**dict(zip(("xlabel", "ylabel"), axis_names(source), strict=True)))
     labels = boundary_labels(source)
     patches = [
         Patch(color=colour, label=labels.get(name, name))
@@ -152,7 +160,7 @@ def _draw_plane(
         segments = corners_of(rest, where=name).points
         thick = {"colors": [colour], "linewidths": 2.6, "zorder": 4}
         axes.add_collection(LineCollection(segments, **thick))
-    axes.set(xlabel="x", ylabel="y", aspect="equal")
+    axes.set_aspect("equal")
     axes.grid(False)
     axes.autoscale_view()
     axes.margins(0.03)

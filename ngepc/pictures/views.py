@@ -11,10 +11,11 @@ import html
 import importlib.util
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from string import Template
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -36,6 +37,7 @@ from ngepc.pictures.drawable import (
 from ngepc.pictures.fields import Drawing
 from ngepc.pictures.meshes import (
     UndeformedMesh,
+    axis_names,
     body_colours,
     boundary_colours,
     drawn_mesh,
@@ -137,22 +139,20 @@ def show(
     what, corners, colours = on_one_scale(
         sources.values(), field, drawing.units, (vmin, vmax), part, cmap
     )
-    peak = pressure_peak(sources.values())
+    lines = lines_of(sources.values())
     shown = corners if not part.whole else [None] * len(sources)
     each = zip(sources.values(), what, shown, strict=True)
-    scenes = [scene_of(*one, colours, drawing, peak) for one in each]
+    scenes = [scene_of(*one, colours, drawing, lines) for one in each]
     captions, labels = ([""], list(sources)) if name else (list(sources), [""])
     panels = [scenes] if name else [[scene] for scene in scenes]
-    legend = Picture(figsize=(3.6, 0.6))
-    axes = legend.add_subplot()
-    legend.colorbar(colours, cax=axes, orientation="horizontal", label=what[0].label)
+    bar = Picture(figsize=(3.6, 0.6))
+    axes = bar.add_subplot()
+    bar.colorbar(colours, cax=axes, orientation="horizontal", label=what[0].label)
     axes.locator_params(nbins=6)
-    image = f'<img class="legend" src="{png_address(legend, 200)}" alt="colour scale">'
-    problems = [fields_of(one).problem for one in sources.values()]
-    drawn = any(p.N == 2 and p.touching_names for p in problems)
-    lines = legend_of_lines() if drawn else ""
+    image = f'<img class="legend" src="{png_address(bar, 200)}" alt="colour scale">'
     contents = {"captions": captions, "labels": labels, "panels": panels}
-    return _page(contents, drawing.caption(title), name, image, lines)
+    legend = legend_of_lines(lines)
+    return _page(contents, drawing.caption(title), name, image, legend)
 
 
 def _page(contents: dict, title: str, name: str, legend: str, lines: str) -> View:
@@ -188,7 +188,7 @@ def _names_of(source: Mesh | Problem, title: str) -> View:
         draw_vol=False,
         regions={kind: kind for kind in (VOL, BND, BBND)},
         objects=webgui_lines(lines),
-        settings=webgui_settings(plane, wireframe=True, edges=not plane),
+        settings=webgui_settings(axis_names(source), wireframe=True, edges=not plane),
     )
     table = list(colours.values())
     each = [table[k * len(table) // 64] for k in range(64)]
@@ -211,11 +211,13 @@ def webgui_lines(lines: Iterable[tuple[str, str, np.ndarray]]) -> list[dict]:
     ]
 
 
-def webgui_settings(plane: bool, wireframe: bool, edges: bool = True) -> dict:
+def webgui_settings(axes: tuple[str, ...], wireframe: bool, edges: bool = True) -> dict:
     """Settings of webgui: without its own colour bar, plane bodies without shadows."""
+    plane = len(axes) == 2
     ambient = 1.0 if plane else 0.65
     light = {"ambient": ambient, "diffuse": 1 - ambient}
     settings = {
+        "axes_labels": [*axes, ""][:3],
         "Objects": {"Wireframe": wireframe, "Edges": edges, "Colorbar": False},
         "Colormap": {"ncolors": 64},
         "Light": light | {"shininess": 10, "specularity": 0.0},
@@ -225,9 +227,32 @@ def webgui_settings(plane: bool, wireframe: bool, edges: bool = True) -> dict:
     return settings
 
 
-def legend_of_lines() -> str:
+class Lines(NamedTuple):
+    """Names of the lines beside a plane body, and the pressure (stress) at full height."""
+
+    names: tuple[str, ...]
+    peak: float
+
+
+def lines_of(sources: Collection[object]) -> Lines:
+    """The lines that pictures of these sources have.
+
+    Two bodies have no obstacle, ``Fields`` have no contact pressure.
+    """
+    problems = [fields_of(one).problem for one in sources]
+    drawn = {
+        "obstacle": any(p.N == 2 and p.contact_names for p in problems),
+        "contact pressure": any(
+            p.N == 2 and p.touching_names and hasattr(one, "contact_pressure")
+            for p, one in zip(problems, sources, strict=True)
+        ),
+    }
+    return Lines(tuple(n for n in LINES if drawn[n]), pressure_peak(sources))
+
+
+def legend_of_lines(lines: Lines) -> str:
     """The legend of the lines beside a plane body, as HTML."""
-    parts = [f'<b style="color:{c}">—</b> {name}' for name, c in LINES.items()]
+    parts = [f'<b style="color:{LINES[n]}">—</b> {n}' for n in lines.names]
     return " &ensp; ".join(parts)
 
 
@@ -237,30 +262,24 @@ def scene_of(
     corners: Corners | None,
     colours: ScalarMappable,
     drawing: Drawing,
-    peak: float,
+    lines: Lines,
     outline: Corners | None = None,
 ) -> dict:
     """The data with which webgui draws a scalar on the deformed body, for JSON.
 
-    In 2D the obstacle and the contact pressure over the deformed boundary are lines, ``peak`` is
-    drawn 0.15 times as high as the body is large.  ``corners`` are triangles to draw in place of
+    In 2D the obstacle and the contact pressure over the deformed boundary are ``lines``, the peak
+    is drawn 0.15 times as high as the body is large.  ``corners`` are triangles to draw in place of
     the whole body, and ``outline`` the segments around them.  Every scene of a slider has the same
     lines: webgui keeps the list of the first one.
     """
     fields = fields_of(source)
     scale = drawing.deformation_scale
-    lines = []
-    names = fields.problem.touching_names
-    plane = fields.problem.N == 2
-    if plane and names:
-        extent = np.ptp(vertex_coordinates(fields.problem.mesh), axis=0).max()
-        height = 0.15 * extent / peak * getattr(source, "contact_pressure", CF(0.0))
-        lines = [
-            ("obstacle", obstacle_lines(fields, scale)),
-            ("contact pressure", offset(fields, names, height, scale)),
-        ]
-    objects = webgui_lines((name, LINES[name], there) for name, there in lines)
-    settings = webgui_settings(plane, drawing.mesh_lines)
+    segments = {
+        "obstacle": lambda: obstacle_lines(fields, scale),
+        "contact pressure": lambda: _pressure_line(source, lines.peak, scale),
+    }
+    objects = webgui_lines((n, LINES[n], segments[n]()) for n in lines.names)
+    settings = webgui_settings(axis_names(fields.problem), drawing.mesh_lines)
     if corners is None:
         data = _whole_body(fields, drawn, scale, objects, settings)
     else:
@@ -274,6 +293,17 @@ def scene_of(
     }
     colors = colours.cmap(np.linspace(0.0, 1.0, 64))[:, :3].tolist()
     return data | limits | {"deformation_scale": 1.0, "colors": colors}
+
+
+def _pressure_line(source: object, peak: float, scale: float) -> np.ndarray:
+    """Segments of the contact pressure over the deformed boundary; none without contact."""
+    fields = fields_of(source)
+    names = fields.problem.touching_names
+    if not names:
+        return np.empty((0, 2, 2))
+    extent = np.ptp(vertex_coordinates(fields.problem.mesh), axis=0).max()
+    height = 0.15 * extent / peak * getattr(source, "contact_pressure", CF(0.0))
+    return offset(fields, names, height, scale)
 
 
 def _whole_body(

@@ -227,7 +227,9 @@ def _supports(problem: Problem, units: UnitNames) -> Rows:
         else:
             known = [
                 f"u_{letter} = {amount(value, length)}"
-                for letter, value in zip("xyz", given, strict=False)
+                for letter, value in zip(
+                    problem.kinematics.directions, given, strict=False
+                )
                 if value is not None
             ]
             text = ", ".join(known)
@@ -340,7 +342,8 @@ def reaction_answer(result: Result, units: UnitNames) -> Rows:
     rows = []
     for place, force in result.equilibrium.reactions.items():
         rounded = np.where(np.abs(force) > 1e-9 * np.abs(force).max(), force, 0.0)
-        for letter, component in zip("xyz", rounded, strict=False):
+        directions = result.problem.kinematics.directions
+        for letter, component in zip(directions, rounded, strict=False):
             what = f"force of support {str(place)!r} on the body, {letter}"
             rows.append(row(what, number(component, unit)))
     return rows

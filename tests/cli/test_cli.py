@@ -446,7 +446,7 @@ def test_a_goal_that_is_zero_is_not_refined_to_a_percentage(capsys):
     """Nothing touches in Example (b): its contact force is 0, which two meshes show."""
     assert main(["solve", "wrench", "--goal", "contact_force"]) == 1
     written = capsys.readouterr()
-    assert "The contact_force is about 0" in written.out
+    assert "The contact force is about 0" in written.out
     assert written.err.count("nodes") == 2
 
 

@@ -136,3 +136,16 @@ def test_bad_paths_are_refused(name):
     arguments, message = BAD[name]
     with pytest.raises(ValueError, match=message):
         material_point(metal(200e3, 0.3, Tabulated([0], [181.0])), **arguments)
+
+
+def test_curves_begin_at_the_origin():
+    found = material_point(
+        metal(200e3, 0.3, Voce(250.0, 120.0, 40.0)), stress={"xy": 200.0}, steps=3
+    )
+    strain, stress = found.curve("xy")
+    assert strain[0] == stress[0] == 0.0
+    assert np.array_equal(strain[1:], found.strain[:, 0, 1])
+    assert stress[1:] == pytest.approx(found.stress[:, 1, 0])
+    assert stress[-1] == pytest.approx(200.0)
+    with pytest.raises(ValueError, match=r"component='yx'.*xx, yy, zz, xy, xz, yz"):
+        found.curve("yx")

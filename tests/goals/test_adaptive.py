@@ -269,7 +269,7 @@ def test_a_goal_that_is_zero_ends_at_the_second_mesh():
     assert not run.reached
     assert len(run.records) == 2
     assert run.goal.lower <= 0.0 <= run.goal.upper
-    assert "The contact_force is about 0" in run.message
+    assert "The contact force is about 0" in run.message
 
 
 def test_one_interval_around_zero_does_not_end_a_run():

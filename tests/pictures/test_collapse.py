@@ -29,6 +29,7 @@ def test_the_moved_outline_follows_the_mechanism(cut):
     assert ((moved[:, 0] > 0.01) & (moved[:, 1] > 0.5) & (moved[:, 1] < 0.99)).any()
     for end in outward(cut.lower, cut.upper, 5):
         assert end in axes.get_title()
+    assert axes.get_title().startswith("load factor between")
 
 
 def test_the_bracket_closes(cut):
@@ -68,6 +69,12 @@ def test_the_residual_stress_of_a_heated_plate():
     corners = np.array([v.point for v in plate.problem.mesh.vertices])
     np.testing.assert_allclose(drawn.min(axis=0), corners.min(axis=0))
     np.testing.assert_allclose(drawn.max(axis=0), corners.max(axis=0))
+    titles = {
+        draw(plate).axes[0].get_title()
+        for draw in (plot_mechanism, plot_residual_stress)
+    }
+    (title,) = titles
+    assert title.startswith("shakedown factor between")
     with pytest.raises(TypeError, match="limit=3: the result of shakedown_load"):
         plot_residual_stress(3)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from ngsolve import x
 from solved import lshape_primal
 
 from ngepc import (
@@ -9,17 +10,21 @@ from ngepc import (
     Problem,
     evolve,
     load_cycle,
+    plot_curve,
     plot_field,
     plot_history,
     semismooth_newton,
 )
 from ngepc.geometries import block
-from ngepc.pictures.drawable import NEVER_NEGATIVE, PLAIN, on_one_scale
+from ngepc.pictures import UnitNames, plot_mesh
+from ngepc.pictures.drawable import NEVER_NEGATIVE, PLAIN, drawable, on_one_scale
+from ngepc.pictures.fields import Drawing
 from ngepc.pictures.report import html_table
 from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.sliders import load_size
+from ngepc.pictures.views import lines_of, scene_of
 from ngepc.pictures.vtu import CELLS, is_turned
-from ngepc.pictures.wording import largest, number
+from ngepc.pictures.wording import largest, number, reaction_answer
 from ngepc.results.outcome import History, IterationRecord
 
 METAL = Material.kinematic(
@@ -145,3 +150,59 @@ def test_step_lengths_on_an_axis_have_few_digits(halvings):
     words = axis.get_major_formatter().format_ticks(places)
     assert len(words) > 1
     assert all(len(word) <= 8 or word.startswith("$") for word in words)
+
+
+def test_a_field_that_is_positive_everywhere_is_drawn_from_zero():
+    """A stretched block of one stress: the scale ends there and begins at zero."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    metal = Material.metal(
+        young=1e3, poisson=0.3, yield_stress=1.0, plastic_modulus=100.0
+    )
+    fields = semismooth_newton(
+        Problem(
+            mesh,
+            metal,
+            clamped=None,
+            prescribed={"left": (0.0, None), "clamped": (None, 0.0)},
+            pressure={"right": x - 3.0},
+        )
+    ).fields
+    given = [fields], "accumulated_plastic_strain", PLAIN
+    _, (sampled,), colours = on_one_scale(*given, (None, None))
+    assert sampled.values.min() > 0.5 * sampled.values.max()
+    assert colours.norm.vmin == 0.0
+    *_, chosen = on_one_scale(*given, (1e-3, None))
+    assert chosen.norm.vmin == 1e-3
+
+
+def test_bodies_of_revolution_have_the_axes_r_and_z():
+    """Of pictures, views, components and forces; x, y and z of all others."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    metal = Material.metal(
+        young=1e3, poisson=0.3, yield_stress=1.0, plastic_modulus=100.0
+    )
+    for kinematics, first, second, third in (
+        ("axisymmetric", "r", "z", "θ"),
+        ("plane strain", "x", "y", "z"),
+    ):
+        problem = Problem(mesh, metal, pressure={"right": -0.5}, kinematics=kinematics)
+        history = evolve(problem, load_cycle(problem, [1.0], steps=1))
+        result = history.steps[-1].solution
+        for figure in (plot_field(result, units=UnitNames("mm")), plot_mesh(problem)):
+            labels = figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()
+            assert [label[0] for label in labels] == [first, second]
+        assert scene_axes(result) == [first, second, ""]
+        assert f"_{{{third}{third}}}" in drawable(result, "stress_zz").label
+        assert f"u_{{{second}}}" in drawable(result, "displacement_y").label
+        forces = [line["quantity"][-1] for line in reaction_answer(result, PLAIN)]
+        assert forces == [first, second]
+        curve = plot_curve(history, "time", "reaction_y:clamped").axes[0]
+        assert curve.get_ylabel().endswith(f"component {second}")
+
+
+def scene_axes(result):
+    """Names of the axes of a view."""
+    what, _, colours = on_one_scale([result], "von_mises", PLAIN, (None, None))
+    lines = lines_of([result])
+    scene = scene_of(result, what[0], None, colours, Drawing(1.0), lines)
+    return scene["gui_settings"]["axes_labels"]

@@ -249,7 +249,8 @@ def test_a_picture_has_the_positions_and_values_of_the_viewer(dim):
     laboratory = lab(problem, lame_mu=(500.0, 2000.0))
     (*_, frame) = laboratory.frames({})
     result = laboratory.last
-    given = [laboratory.colours, laboratory.drawing, laboratory.peak]
+    lines = views.lines_of([result])._replace(peak=laboratory.peak)
+    given = [laboratory.colours, laboratory.drawing, lines]
     what = drawable(result, laboratory.field)
     viewer = views.scene_of(result, what, None, *given)
     for name in ("Bezier_trig_points", "edges"):

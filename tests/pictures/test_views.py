@@ -12,13 +12,24 @@ import numpy as np
 import pytest
 from browser import Browser, chromium
 from matplotlib import colormaps
+from netgen.occ import Compound, MoveTo, OCCGeometry, Y
+from ngsolve import Mesh
 from solved import block_primal, lshape_dual, lshape_primal
 
-from ngepc import primal_newton, semismooth_newton, wrench_problem
+from ngepc import (
+    Contact,
+    Material,
+    Problem,
+    evolve,
+    load_cycle,
+    primal_newton,
+    semismooth_newton,
+    wrench_problem,
+)
 from ngepc.geometries import wrench
 from ngepc.pictures import views
 from ngepc.pictures.sampling import corners_of
-from ngepc.pictures.views import EXTRA, NOISE, View, pressure_peak, show
+from ngepc.pictures.views import EXTRA, NOISE, View, lines_of, pressure_peak, show
 
 needs_browser = pytest.mark.skipif(
     chromium() is None,
@@ -202,6 +213,50 @@ def test_no_pressure_is_drawn_higher_than_the_peak():
     ).values
     assert values.min() < -10 * values.max()
     assert np.abs(values).max() <= pressure_peak([regularised])
+
+
+def two_squares():
+    """A square on another one, pressed by 0.5."""
+    lower = MoveTo(0, 0).Rectangle(1, 1).Face()
+    upper = MoveTo(0, 1).Rectangle(1, 1).Face()
+    lower.edges.Max(Y).name, lower.edges.Min(Y).name = "under", "floor"
+    upper.edges.Min(Y).name, upper.edges.Max(Y).name = "over", "top"
+    bodies = OCCGeometry(Compound([lower, upper]), dim=2)
+    steel = Material.metal(
+        young=2.5e3, poisson=0.25, yield_stress=5.0, plastic_modulus=150.0
+    )
+    problem = Problem(
+        Mesh(bodies.GenerateMesh(maxh=0.5)),
+        steel,
+        "floor",
+        pressure={"top": 0.5},
+        contact=Contact("over", "under"),
+        prescribed={"top": (0.0, None)},
+    )
+    return semismooth_newton(problem)
+
+
+@needs_viewer
+def test_lines_that_are_not_drawn_are_not_in_the_legend():
+    pressed = lshape_primal()
+    lines = {
+        "obstacle and pressure": (pressed, ["obstacle", "contact pressure"]),
+        "fields": (pressed.fields, ["obstacle"]),
+        "two bodies": (two_squares(), ["contact pressure"]),
+        "solid": (block_primal(), []),
+    }
+    for source, names in lines.values():
+        page = show(source).html
+        legend = page[page.index('<p class="lines">') : page.index("</p>")]
+        assert re.findall("</b> ([a-z]+(?: [a-z]+)?)", legend) == names
+
+
+def test_steps_of_a_history_are_drawn_with_their_contact_pressure():
+    problem = lshape_primal().problem
+    history = evolve(problem, load_cycle(problem, [1], steps=2))
+    lines = lines_of(history.steps)
+    assert lines.names == ("obstacle", "contact pressure")
+    assert lines.peak == pytest.approx(max(history.column("max_contact_pressure")))
 
 
 @needs_viewer

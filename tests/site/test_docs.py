@@ -48,7 +48,7 @@ COARSER = {
     },
     "docs/gallery.md": {"paper_mesh(833)": "paper_mesh(113)"},
     "docs/goal_bound.md": {"percent=5": "percent=20", "at_most=4200": "at_most=6000"},
-    "docs/hardening.md": {"steps=100": "steps=5", "steps=40": "steps=5"},
+    "docs/hardening.md": {"steps=100": "steps=5", "steps=400": "steps=5"},
     "docs/howto/moving_obstacles.md": {"mesh(8, 8)": "mesh(4, 4)"},
     "docs/rates.md": {"steps=60": "steps=6"},
     "docs/sensitivities.md": {
