@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from ngsolve import H1, LinearForm, dx, specialcf
 from numpy.linalg import matrix_rank
+from scipy.linalg import eigvalsh
 from scipy.optimize import linprog
 from scipy.sparse import csr_matrix, diags, eye, hstack, vstack
 
@@ -47,6 +48,12 @@ SOFT = {False: 1e-4, True: 1e-3}
 """Approximate stiffness of all springs of a floating part relative to that of the part, without
 and with friction.  With friction 1e-4 saves one Newton step of four, but 2 of 120 random problems
 failed."""
+
+LOOSE = 1e-6
+"""Springs with a smaller stiffness than this part of the body's hold a rigid motion loosely."""
+
+STIFFER = 1e-2
+"""As ``SOFT``, of the springs with which contact of a loosely held part is found."""
 
 DRIFT = 0.99  # part of a residual that comes from rigid motions if it is called drift
 SMALL = 1e-6  # smaller parts of the loads or of a motion count as zero
@@ -101,6 +108,14 @@ class DiscreteBody:
     def floating(self) -> Floating:
         """The parts that are held by contact alone."""
         return Floating(self)
+
+    @cached_property
+    def loosely_held(self) -> LooselyHeld | None:
+        """The parts that springs much softer than the body hold, if there are any."""
+        springs = self.problem.springs
+        found = floating_motions(self.problem, springs=False) if springs else []
+        held = LooselyHeld(self, found) if found else None
+        return held if held and held.share < LOOSE else None
 
     @cached_property
     def added(self) -> csr_matrix:
@@ -315,6 +330,48 @@ class Iterate:
         if size == 0 or self.force_scale == 0:  # an obstacle that pushes a body at rest
             return float(size > 0)
         return size / self.force_scale
+
+
+class LooselyHeld:
+    """Parts in contact that are held by springs otherwise, and soft ones.
+
+    Without contact they would travel so far that Newton's method does not find back.
+    """
+
+    share: float
+    """Least stiffness of the springs against a rigid motion, as a part of the body's, >= 0."""
+    springs: csr_matrix
+    """Stiffer ones that resist the change of a Newton step, u flattened node by node."""
+
+    def __init__(
+        self, body: DiscreteBody, found: list[tuple[np.ndarray, np.ndarray]]
+    ) -> None:
+        diagonal = body.stiffness_diagonal
+        x = vertex_coordinates(body.problem.mesh)
+        soft = STIFFER / len(diagonal)
+        self.springs = diags((soft * diagonal).ravel(), format="csr")
+        shares = [self._share(body, motions) for motions, _ in found]
+        self.share = min(shares)
+        _, vertices = found[int(np.argmin(shares))]
+        self._centre = ", ".join(f"{c:.3g}" for c in x[vertices].mean(axis=0))
+
+    def _share(self, body: DiscreteBody, motions: np.ndarray) -> float:
+        """The least ratio of the energies of springs and of the diagonal of the stiffness."""
+        z = np.zeros((*body.load.shape, motions.shape[2]))
+        z[: len(motions)] = motions
+        own = np.einsum("nia,ni,nib->ab", z, body.stiffness_diagonal, z)
+        flat = z.reshape(body.load.size, -1)
+        ratios = eigvalsh(flat.T @ (body.supports.stiffness @ flat), own)
+        return max(float(ratios[0]), 0.0)
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong if no solution was found."""
+        return (
+            f"The springs of the part around ({self._centre}) have {self.share:.1g} of its own "
+            "stiffness against one of its rigid motions: stiffer ones are needed, along all axes "
+            "(a single number per place resists the normal displacement alone), or another support."
+        )
 
 
 class Floating:

@@ -83,7 +83,10 @@ def with_contact(
     # small problems between bounds cost less than the response
     response = None if law.is_box else law.response
     left = TURNING if law.d > 1 else LEFT
-    found = solve_by_secants(law, product, compliance, *given, response, left)
+    try:
+        found = solve_by_secants(law, product, compliance, *given, response, left)
+    except np.linalg.LinAlgError:
+        found = None
     if found is None:
         raise FactorisationError(UNSOLVABLE[law.d > 0])
     forces, parts = found

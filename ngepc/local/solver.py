@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -62,6 +62,14 @@ FAR = 0.5
 
 ROUGH = 1e-2
 """Tolerance of the solution of order one."""
+
+UNSOLVED = (Status.NONFINITE, Status.LINESEARCH_FAILED, Status.STAGNATED)
+"""How runs end that lost their way."""
+
+NEARER = (1e-2, 1e-4, 1e-6)
+NEARBY_STEPS = 20
+"""Tolerances with stiffer springs, to find contact where springs hold a part loosely, and the most
+steps to each."""
 
 FEW_FORCES = 600
 """The most forces of contact rows whose compliance is computed for the elastic body."""
@@ -203,6 +211,13 @@ class RepeatedSolver:
             state = discrete.state(state.u)
             again = target if iterative else None
             result = newton_iteration(state, tangent, made, *limits, monitor, again)
+        if result.status in UNSOLVED and discrete.loosely_held:
+            for near in self._with_contact_found(discrete, made):
+                result = newton_iteration(near, tangent, made, *limits, monitor)
+                if result.status not in UNSOLVED:
+                    return result
+            sentence = f"{result.ending} {discrete.loosely_held.sentence}"
+            result = replace(result, ending=sentence)
         gave_up = iterative and result.status is Status.NONFINITE
         if (
             gave_up
@@ -214,6 +229,23 @@ class RepeatedSolver:
             made = partial(ExactResult, linear_solver=DIRECT)
             result = newton_iteration(state, tangent, made, *limits, monitor)
         return result
+
+    def _with_contact_found(
+        self, body: DiscreteProblem, made: Callable[..., ExactResult]
+    ) -> Iterator[State]:
+        """States nearer and nearer to the solution where springs hold a part loosely.
+
+        Stiffer springs, which resist the change of a step, keep the part near the obstacle until
+        contact is found.
+        """
+        springs = body.added + body.loosely_held.springs
+        stiffness = body.stiffness.with_added(springs.tocsr())
+        tangent = tangent_of(body, self._chosen, stiffness)
+        state = body.state(body.starting_displacement(None))
+        for tolerance in NEARER:
+            found = newton_iteration(state, tangent, made, tolerance, NEARBY_STEPS)
+            state = found.state
+            yield state
 
 
 @one_blas_thread

@@ -225,16 +225,22 @@ def _check_roller_on_contact(
             )
 
 
-def constraints(problem: ProblemData) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (k,) that supports and springs hold, and unit vectors (k, N) along which they do."""
+def constraints(
+    problem: ProblemData, *, springs: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (k,) that supports and springs hold, and unit vectors (k, N) along which they do.
+
+    ``springs`` says whether springs count.
+    """
     mesh = problem.mesh
     axes = np.eye(problem.N)
     along = [(place, axes[component]) for _, place, component, _ in problem.held]
     along += [
         (place, r.direction or problem.normal) for place, r in problem.rollers.items()
     ]
-    for place, springs in problem.spring_constants.items():
-        for d, k in springs:
+    constants = problem.spring_constants if springs else {}
+    for place, along_axes in constants.items():
+        for d, k in along_axes:
             if values_at(k, mesh, place)[1].max(initial=0.0) > 0:
                 along.append((place, d or problem.normal))
     found = [values_at(d, mesh, place) for place, d in along]
@@ -248,15 +254,16 @@ def constraints(problem: ProblemData) -> tuple[np.ndarray, np.ndarray]:
 
 
 def free_motions(
-    problem: ProblemData, parts: list[np.ndarray]
+    problem: ProblemData, parts: list[np.ndarray], *, springs: bool = True
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Free rigid motions of each part that has any, (vertices of the mesh, N, k), and its vertices.
 
     Each part of ``part_vertices`` is examined alone, even if it shares a vertex or an edge.
+    ``springs`` says whether springs hold a part.
     """
     x = vertex_coordinates(problem.mesh)
     processes = problem.processes
-    vertices, directions = constraints(problem)
+    vertices, directions = constraints(problem, springs=springs)
     scaled = x / processes.maximum(np.ptp(x[np.concatenate(parts)], axis=0))
     rows = np.einsum("nj,njk->nk", directions, rigid_motions(scaled[vertices]))
     for own in parts:
@@ -302,9 +309,15 @@ def connected(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return connected_components(pairs, directed=False)[1]
 
 
-def floating_motions(problem: ProblemData) -> list[tuple[np.ndarray, np.ndarray]]:
-    """``free_motions`` of the parts that contact alone has to hold; mostly none."""
+def floating_motions(
+    problem: ProblemData, *, springs: bool = True
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """``free_motions`` of the parts that contact alone has to hold; mostly none.
+
+    Without ``springs`` those that contact and springs hold together.
+    """
     if problem.contact is None or problem.processes.size > 1:
         return []
     pairs = check_conforming(*element_facets(problem.mesh))
-    return list(free_motions(problem, part_vertices(problem.mesh, *pairs)))
+    parts = part_vertices(problem.mesh, *pairs)
+    return list(free_motions(problem, parts, springs=springs))

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from netgen.occ import OCCGeometry, WorkPlane
+from ngsolve import Mesh, y
 
 from ngepc import (
     Coulomb,
@@ -108,3 +110,34 @@ def test_print_shows_the_message():
     first, *others = str(result).split("\n")
     assert first == repr(result)
     assert "\n".join(others) == result.message
+
+
+def pin(springs, friction):
+    """A round pin of order two above a floor, pressed against it by its weight of 10 pi."""
+    face = WorkPlane().Circle(0, 0, 1).Face()
+    face.edges.name = "rim"
+    mesh = Mesh(OCCGeometry(face, dim=2).GenerateMesh(maxh=0.25)).Curve(2)
+    steel = Material.kinematic(
+        lame_lambda=1.2e5, lame_mu=8e4, yield_stress=250.0, hardening=1e3
+    )
+    held = {"clamped": None, "springs": {"rim": springs}, "friction": friction}
+    load = {"body_force": (0.0, -10.0), "contact": "rim", "gap": y + 1.01}
+    return Problem(mesh, steel, kinematics="plane strain", order=2, **held, **load)
+
+
+@pytest.mark.parametrize("friction", [None, 0.3])
+@pytest.mark.parametrize("stiffness", [1e-3, 1e-1])
+def test_springs_much_softer_than_a_pin_let_it_find_the_floor(stiffness, friction):
+    """Without a floor it would travel 5000 diameters; after .01 the springs carry little."""
+    result = semismooth_newton(pin((stiffness, stiffness), friction))
+    assert result.raise_for_status().residual_norm <= 1e-10
+    carried = -result.applied_force[1] - result.contact_resultant[1]
+    assert carried == pytest.approx(2 * np.pi * 0.01 * stiffness, rel=0.4)
+
+
+def test_a_rotation_that_springs_do_not_hold_is_said():
+    """A foundation along the normals of a circle leaves its rotation to rounding errors."""
+    pushed = replace(pin(1e-3, None), body_force=(30.0, -10.0))
+    result = semismooth_newton(pushed)
+    assert result.status is Status.STAGNATED
+    assert "against one of its rigid motions" in result.message
