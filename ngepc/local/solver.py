@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -200,52 +200,51 @@ class RepeatedSolver:
         target = ExactTarget(discrete, compliance)
         if iterative:
             target = InexactTarget(discrete, tangent.forcing, self.options.tolerance)
-        limits = self.options.tolerance, self.options.max_iterations
-        made = partial(ExactResult, linear_solver=solver_name(self._chosen))
-        result = newton_iteration(
-            state, tangent, made, *limits, monitor, target, second
+        run = partial(
+            newton_iteration,
+            tangent=tangent,
+            result=partial(ExactResult, linear_solver=solver_name(self._chosen)),
+            tolerance=self.options.tolerance,
+            max_iterations=self.options.max_iterations,
+            monitor=monitor,
         )
+        result = run(state, target=target, second=second)
         failed = result.status is Status.NONFINITE
         if failed and discrete.problem.processes.any(state.contact != 0):
             # Forces of another problem may lead nowhere under friction: once more without them.
             state = discrete.state(state.u)
-            again = target if iterative else None
-            result = newton_iteration(state, tangent, made, *limits, monitor, again)
+            result = run(state, target=target if iterative else None)
         if result.status in UNSOLVED and discrete.loosely_held:
-            for near in self._with_contact_found(discrete, made):
-                result = newton_iteration(near, tangent, made, *limits, monitor)
-                if result.status not in UNSOLVED:
-                    return result
-            sentence = f"{result.ending} {discrete.loosely_held.sentence}"
-            result = replace(result, ending=sentence)
+            result = self._from_contact(discrete, run)
         gave_up = iterative and result.status is Status.NONFINITE
-        if (
-            gave_up
-            and self.options.inverse is None
-            and discrete.problem.processes.size == 1
-        ):
+        alone = discrete.problem.processes.size == 1
+        if gave_up and alone and self.options.inverse is None:
             self._chosen = DIRECT
-            self._tangent = tangent = tangent_of(discrete, DIRECT)
+            self._tangent = tangent_of(discrete, DIRECT)
             made = partial(ExactResult, linear_solver=DIRECT)
-            result = newton_iteration(state, tangent, made, *limits, monitor)
+            result = run(state, tangent=self._tangent, result=made)
         return result
 
-    def _with_contact_found(
-        self, body: DiscreteProblem, made: Callable[..., ExactResult]
-    ) -> Iterator[State]:
-        """States nearer and nearer to the solution where springs hold a part loosely.
+    def _from_contact(
+        self, body: DiscreteProblem, run: Callable[..., ExactResult]
+    ) -> ExactResult:
+        """What ``run`` finds from states near the solution where springs hold a part loosely.
 
         Stiffer springs, which resist the change of a step, keep the part near the obstacle until
         contact is found.
         """
         springs = body.added + body.loosely_held.springs
         stiffness = body.stiffness.with_added(springs.tocsr())
-        tangent = tangent_of(body, self._chosen, stiffness)
+        held = {"tangent": tangent_of(body, self._chosen, stiffness), "monitor": None}
         state = body.state(body.starting_displacement(None))
         for tolerance in NEARER:
-            found = newton_iteration(state, tangent, made, tolerance, NEARBY_STEPS)
-            state = found.state
-            yield state
+            nearer = {"tolerance": tolerance, "max_iterations": NEARBY_STEPS}
+            state = run(state, **held, **nearer).state
+            result = run(state)
+            if result.status not in UNSOLVED:
+                return result
+        said = f"{result.ending} {body.loosely_held.sentence}"
+        return replace(result, ending=said)
 
 
 @one_blas_thread
