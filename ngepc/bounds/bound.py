@@ -155,9 +155,7 @@ class ErrorBound:
 
         Elastic and hardening energy, and the dissipation of the step.
         """
-        discrete = self.state.discrete
-        spent = discrete.points.integral(discrete.law.spent(self.state.at))
-        return self.problem.kinematics.thickness * spent
+        return strain_energy(self.state)
 
     @property
     def relative(self) -> float:
@@ -513,6 +511,13 @@ def discrete_forces(state: State) -> np.ndarray:
     contact = state.discrete.contact
     pushed = contact.forces(contact.friction.projected(state.contact))
     return state.discrete.load - pushed
+
+
+def strain_energy(state: State) -> float:
+    """See ``ErrorBound.strain_energy``; loads and rigid motions have no part in it."""
+    discrete = state.discrete
+    spent = discrete.points.integral(discrete.law.spent(state.at))
+    return discrete.problem.kinematics.thickness * spent
 
 
 def discrete_stress(state: State, tangent: Factors) -> tuple[np.ndarray, float]:

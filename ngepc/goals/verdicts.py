@@ -10,7 +10,7 @@ from typing import Any
 
 from ngsolve import ET, CoefficientFunction, IfPos, Mesh
 
-from ngepc.bounds.bound import error_bound, solved_problem
+from ngepc.bounds.bound import error_bound, solved_problem, strain_energy
 from ngepc.checks.arguments import require_number
 from ngepc.checks.sentences import at_most_percent, in_percent
 from ngepc.goals.adaptive import BoundedResult, MeshRecord, Refinement, solve_to
@@ -131,6 +131,8 @@ def verdict(
 def confidence(result: object) -> str:
     """One line about the distance of the energy of a result from that of the continuous problem.
 
+    The percentage is that of the strain energy, ``ErrorBound.strain_energy``.
+
     A guaranteed bound if the problem has one; otherwise an estimate by another order or by one
     refinement of the mesh, which costs one more solve.  For a history: the distance of its steps
     from those of the continuous problem, or the line of its last step if that has no bound.
@@ -208,12 +210,13 @@ def _estimated(result: object, problem: Problem, reason: str) -> str:
         if not solved.status.is_success:
             failures.append(solved.status.value)
             continue
-        size = abs(solved.primal_energy)
+        # J itself contains the work of the loads on a rigid travel, which says nothing
+        size = strain_energy(solved.state)
         change = abs(result.primal_energy - solved.primal_energy)
-        part = change / size if size else 0.0
+        part = change / size if size > 0 else float(change > 0)
         return (
-            f"Estimate by {name}, not guaranteed: the energy changes by {in_percent(part)}. "
-            f"No bound: {sentence(reason)}"
+            f"Estimate by {name}, not guaranteed: the energy changes by {in_percent(part)} "
+            f"of the strain energy. No bound: {sentence(reason)}"
         )
     different = dict.fromkeys(failure.rstrip(".") for failure in failures)
     failed = sentence("; ".join(different) or "the mesh cannot be refined")

@@ -158,3 +158,25 @@ def test_confidence_in_a_step_whose_hardening_falls_below_zero_between_points():
     )
     line = confidence(evolve(problem, load_cycle(problem, [1.0, 0.5])))
     assert "Estimate by one refinement, not guaranteed" in line
+
+
+@pytest.mark.parametrize("friction", [None, Coulomb(0.3)])
+def test_travel_before_contact_does_not_make_a_result_better(friction):
+    """The work of the loads on a travel of 100 widths is 60,000 times the strain energy."""
+    lines = {
+        confidence(
+            semismooth_newton(
+                square(
+                    clamped=None,
+                    contact="clamped",
+                    gap=travel,
+                    prescribed={"left": (0, None)},
+                    traction={"contact": (0.0, -2.0 - 6.0 * x)},
+                    friction=friction,
+                    order=1,
+                )
+            )
+        )
+        for travel in (0.0, 1.0, 100.0)
+    }
+    assert len(lines) == 1
