@@ -70,8 +70,8 @@ NOTE = (
     "package can notice it; the table gives the reason. Shares: killed over all that are not "
     "equivalent, at first sight and now. Between the two, tests were written for survivors of this "
     "draw, so that the first is what to expect of another draw (--seed). The package is that of "
-    "the commit below, these tests are newer. {study.elsewhere} is not included: make test-petsc "
-    "tests it where PETSc is installed."
+    "the commit below, with the names that modules had there; these tests are newer. "
+    "{study.elsewhere} is not included: make test-petsc tests it where PETSc is installed."
 )
 
 

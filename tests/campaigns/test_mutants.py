@@ -143,6 +143,13 @@ def test_both_shares_are_said(study):
     assert study.run()[0]["first"] == "killed"
 
 
+def test_reasons_are_those_of_modules_of_this_package(tmp_path):
+    """A module that moves takes them along: the names of its mutants contain its own."""
+    modules = {module for module, _ in Mutants(tmp_path).reasons}
+    package = mutants.ROOT / "ngepc"
+    assert [m for m in sorted(modules) if not (package / m).is_file()] == []
+
+
 @pytest.fixture
 def bench(tmp_path, monkeypatch):
     """A project with one module."""
