@@ -74,9 +74,14 @@ def plot_mechanism(
     else:
         draw_plane(axes, limit, density, top)
     ends = " and ".join(outward(limit.lower, limit.upper, 5))
-    which = "shakedown" if isinstance(limit, ShakedownLoad) else "load"
-    axes.set_title(f"{which} factor between {ends}")
+    axes.set_title(f"{factor(limit)} between {ends}")
     return axes.figure
+
+
+def factor(limit: LimitLoad | ShakedownLoad) -> str:
+    """What the bounds are bounds of."""
+    which = "shakedown" if isinstance(limit, ShakedownLoad) else "load"
+    return f"{which} factor"
 
 
 def shades(limit: LimitLoad | ShakedownLoad) -> tuple[np.ndarray, float]:
@@ -219,7 +224,7 @@ def plot_bracket(
     if exact is not None:
         axes.axhline(exact, color=style.GUIDE, linewidth=0.8, label=f"{exact:.5g}")
     style.counts_along(axes, "unknowns of both programs")
-    axes.set_ylabel("load factor")
+    axes.set_ylabel(factor(limit))
     axes.legend()
     return axes.figure
 

@@ -75,6 +75,7 @@ def test_the_residual_stress_of_a_heated_plate():
     }
     (title,) = titles
     assert title.startswith("shakedown factor between")
+    assert plot_bracket(plate).axes[0].get_ylabel() == "shakedown factor"
     with pytest.raises(TypeError, match="limit=3: the result of shakedown_load"):
         plot_residual_stress(3)
 
