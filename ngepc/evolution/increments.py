@@ -7,6 +7,10 @@ estimate, not a bound.
 
 Both runs start from the same state and then keep their own states.  Errors that decay during the
 history, as in plasticity, therefore do not accumulate in the estimate.
+
+A step from an elastic state has the same end as any shorter one from an elastic state.  Two runs
+that both begin to yield in their last step would not differ, however long that step is; therefore
+the fine run divides a step where energy is already dissipated, in the middle or later.
 """
 
 from __future__ import annotations
@@ -28,6 +32,13 @@ log = logging.getLogger(__name__)
 FEW = 8
 """A history of fewer listed steps is always halved once, because comparing one step with two
 misses kinks."""
+
+
+SHARE = 0.05
+"""The least part of the dissipation of a step that its first piece must have."""
+
+LATER = 6
+"""How often the rest of a step is halved for that."""
 
 
 class Run(Protocol):
@@ -133,8 +144,7 @@ class Increments:
         while pending:
             end, level = pending.pop()
             states = self.fine.state, self.coarse.state
-            middle = 0.5 * (now + end)
-            status, message, where = self._both(middle, end, level)
+            status, message, where = self._both(now, end, level)
             apart = math.inf
             if status.is_success:
                 apart = self.difference(
@@ -145,7 +155,7 @@ class Increments:
                 self.fine.restore(states[0])
                 self.coarse.restore(states[1])
                 log.info("step to time %g: difference %.2g, halved", end, apart)
-                pending += [(end, level + 1), (middle, level + 1)]
+                pending += [(end, level + 1), (0.5 * (now + end), level + 1)]
                 continue
             if status is not Status.CONVERGED:
                 evolution.status = status
@@ -167,17 +177,41 @@ class Increments:
             for step in steps[-2:]:
                 self.monitor(step)
 
-    def _both(self, middle: float, end: float, level: int) -> tuple[Status, str, float]:
+    def _both(self, now: float, end: float, level: int) -> tuple[Status, str, float]:
         """One coarse step and two fine ones: how they ended, why, and where."""
+        steps = (
+            lambda: (*self.coarse.solve_step(end, level), end),
+            lambda: self._to_a_middle(now, end, level),
+            lambda: (*self.fine.solve_step(end, level), end),
+        )
         worst = Status.CONVERGED, "", end
-        steps = ((self.coarse, end), (self.fine, middle), (self.fine, end))
-        for run, time in steps:
-            status, message = run.solve_step(time, level)
-            if status is not Status.CONVERGED:
-                worst = status, message, time
-            if not status.is_success:
+        for step in steps:
+            ended = step()
+            if ended[0] is not Status.CONVERGED:
+                worst = ended
+            if not ended[0].is_success:
                 break
         return worst
+
+    def _to_a_middle(
+        self, now: float, end: float, level: int
+    ) -> tuple[Status, str, float]:
+        """The first fine step, to the middle or beyond: to where energy is dissipated.
+
+        Where the body yields only at the end of a step, one step and two are the same.
+        """
+        state = self.fine.state
+        whole = self.coarse.evolution.steps[-1].record.dissipation
+        time = 0.5 * (now + end)
+        for tries in range(LATER + 1):
+            status, message = self.fine.solve_step(time, level)
+            if not status.is_success or tries == LATER:
+                break
+            if self.fine.evolution.steps[-1].record.dissipation >= SHARE * whole:
+                break
+            self.fine.restore(state)
+            time = 0.5 * (time + end)
+        return status, message, time
 
 
 def preview(run: Run, ends: list[float], difference: Difference) -> None:

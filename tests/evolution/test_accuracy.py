@@ -1,6 +1,7 @@
 """Increments by accuracy: the estimate beside the error against many short steps."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -53,28 +54,43 @@ def rubbing():
     return problem, Schedule((1.0, 2.0), pushed)
 
 
-@pytest.mark.parametrize(
-    ("make", "fine"), [(sphere, 16), (nafems_nl1, 8), (rubbing, 12)]
-)
-def test_the_estimate_is_within_a_factor_of_two(make, fine):
+PIECES = 6
+"""Steps of the reference for each step that is compared with it."""
+
+
+@pytest.mark.parametrize("accuracy", [0.5, 0.05])
+@pytest.mark.parametrize("make", [sphere, nafems_nl1, rubbing])
+def test_the_estimate_is_within_a_factor_of_two_everywhere(make, accuracy):
+    """At every end of a step with an error above a thousandth, not only at the last one."""
     problem, schedule = make()
-    starts = (schedule.begin, *schedule.times[:-1])
+    found = evolve(problem, schedule, accuracy=accuracy)
+    assert found.status is Status.CONVERGED
     pieces = [
-        np.linspace(a, b, fine + 1)[1:]
-        for a, b in zip(starts, schedule.times, strict=True)
+        np.linspace(a, b, PIECES + 1)[1:]
+        for a, b in pairwise([schedule.begin, *found.times])
     ]
     times = tuple(np.concatenate(pieces).tolist())
     exact = evolve(problem, Schedule(times, schedule.changes))
-    found = evolve(problem, schedule, accuracy=0.5)
-
     difference = Difference(found.memory.functions.points)
     for step in exact.steps:
         difference.see(step)
-    error = difference(exact.steps[-1], found.steps[-1])
-    estimate = found.steps[-1].record.time_error
-    assert found.status is Status.CONVERGED
-    assert error > 1e-3
-    assert 0.5 < estimate / error < 2
+    compared = list(zip(found.steps, exact.steps[PIECES - 1 :: PIECES], strict=True))
+    errors = np.array([difference(fine, step) for step, fine in compared[1::2]])
+    estimates = np.array([step.record.time_error for step in found.steps[1::2]])
+    seen = errors > 1e-3
+    assert seen[-1]
+    ratios = estimates[seen] / errors[seen]
+    assert 0.5 < ratios.min() <= ratios.max() < 2
+
+
+def test_a_step_that_yields_at_its_end_is_divided_there():
+    """One step and two from an elastic state are the same if the first one stays elastic."""
+    problem, schedule = rubbing()
+    found = evolve(problem, schedule, accuracy=0.5)
+    dissipation = found.column("dissipation")
+    assert found.times[:2] == [0.4375, 0.5]  # it begins to yield after 0.4
+    assert dissipation[0] > 0.05 * dissipation[1]
+    assert found.steps[1].record.time_error > 1e-4
 
 
 def test_accuracy_is_reached():
