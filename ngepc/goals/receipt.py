@@ -197,7 +197,7 @@ def receipt_arrays(
     u = file.displacement(u)
     boundary = boundary_arrays(bound_data, bound, u)
     file.set_on_supports(u, boundary, boundary["prescribed"])
-    mesh = {"points": file.points, "cells": file.cells, "sides": file.sides, "u": u}
+    mesh = {"points": file.points, "cells": file.cells, "u": u}
     stress = {"stress": file.turned(stress)}
     return mesh | stress | material_arrays(bound_data) | boundary
 

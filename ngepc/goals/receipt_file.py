@@ -1,8 +1,7 @@
 """The file of a receipt: its arrays in the order in which ``check_receipt`` reads them.
 
-Numbers of cells, nodes and sides are the last axis.  Each side of the cells has a number.  The file
-also says by which side each cell passes on the forces that rounding leaves, and bounds of these
-forces.
+Numbers of cells, nodes and sides are the last axis, and all of them are floating-point numbers.
+The file also says what forces that rounding leaves each cell passes on by each of its sides.
 """
 
 from __future__ import annotations
@@ -31,8 +30,7 @@ def in_file_order(
     """
     first = layers[0]
     N = first["points"].shape[1]
-    places = first["sides"]
-    way, levels = ways(first["cells"], places, first["held"].all(axis=1))
+    places = numbered_sides(first["cells"])
     last = {
         name: without_tiny(cells_last(name, values, N))
         for name, values in first.items()
@@ -40,15 +38,16 @@ def in_file_order(
     for name in LAYERED:
         parts = [without_tiny(cells_last(name, layer[name], N)) for layer in layers]
         last[name] = np.stack(parts, axis=2 if name == "stress" else -2)
-    last |= {"sides": places, "way": way}
-    last["passed"] = np.zeros((len(layers), places.shape[1]))
-    header |= {"P": len(first["points"]), "K": len(first["cells"])}
+    K = len(first["cells"])
+    last["passed"] = np.zeros((len(layers), N + 1, K))
+    header |= {"P": len(first["points"]), "K": K}
     header |= {"S": places.shape[1], "B": len(first["held"])}
     words = packed(last, header)
     r = check_receipt.opened(words, header)
     check_receipt.balance(r)
-    for row, force in zip(r.passed, r.force, strict=True):
-        row[:] = passed(force, way, places, levels)
+    way, levels = ways(first["cells"], places, first["held"].all(axis=1))
+    for flow, force in zip(r.passed, r.force, strict=True):
+        flow[:] = passed(force, way, places, levels)
     return words
 
 
@@ -59,17 +58,12 @@ def without_tiny(values: np.ndarray) -> np.ndarray:
 
 def packed(arrays: dict[str, np.ndarray], header: dict[str, object]) -> np.ndarray:
     """The arrays of a receipt in one row of words of 64 bits."""
-    _, kind = check_receipt.record_type(header)
-    record = np.zeros(1, kind)
-    for name in kind.names:
-        record[name] = arrays[name]
-    return record.view(np.int64)
+    shapes = check_receipt.shapes_of(header)[1]
+    return np.concatenate([arrays[name].ravel() for name in shapes], dtype=float)
 
 
 def cells_last(name: str, values: np.ndarray, N: int) -> np.ndarray:
     """An array with the cells last; tensors as their entries, those of the diagonal first."""
-    if name == "sides":
-        return values
     if name in {"stress", "initial", "back"}:
         n = values.shape[-1]
         pairs = [(i, i) for i in range(n)] + list(combinations(range(N), 2))
@@ -124,20 +118,17 @@ def ways(
 def passed(
     force: np.ndarray, way: np.ndarray, places: np.ndarray, levels: list[np.ndarray]
 ) -> np.ndarray:
-    """No less than what passes each side: of each cell its own forces and those that it gets."""
+    """What each cell passes on by its sides, (sides, cells): its own forces and those it gets."""
     count = len(force)
-    side = np.empty(places.max() + 1, dtype=int)
-    side[places[0]] = np.arange(places.shape[1])
-    side[places[1]] = np.arange(places.shape[1])
-    beyond = places.sum(axis=0)
-    found = np.zeros(places.shape[1])
+    beyond = np.empty(places.max() + 1, dtype=int)
+    beyond[places[0]] = places[1]
+    beyond[places[1]] = places[0]
+    found = np.zeros(len(beyond))
     total = np.maximum((1 + ROOM) * force, 2 * check_receipt.SMALLEST)
     for level in levels[::-1]:
         going = level[way[level] >= 0]
         place = way[going] * count + going
-        exits = side[place]
-        found[exits] = (1 + GROWTH) * total[going]
-        other = beyond[exits] - place
-        inside = other != place
-        np.add.at(total, other[inside] % count, found[exits[inside]])
-    return found
+        found[place] = (1 + GROWTH) * total[going]
+        inside = beyond[place] != place
+        np.add.at(total, beyond[place[inside]] % count, found[place[inside]])
+    return found.reshape(-1, count)

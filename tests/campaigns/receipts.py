@@ -20,7 +20,7 @@ from ngsolve import ET, IntegrationRule
 
 from ngepc import error_bound, goal_bound, semismooth_newton, write_receipt
 from ngepc.goals import check_receipt
-from ngepc.goals.receipt_file import packed
+from ngepc.goals.receipt_file import numbered_sides, packed
 from ngepc.studies.work import Work
 
 ENERGIES = ("order 1", "order 2", "solid")
@@ -397,7 +397,6 @@ ADJOINT = {
     "prescribed": "goal_motion",
     "gap": "goal_contact",
     "pressure": "goal_pressure",
-    "passed": "tau_passed",
 }
 """Names of the second layer of the arrays."""
 
@@ -438,7 +437,7 @@ def by_cells(arrays, header):
         found[name] = found[name][:, None][..., entries] * off
     displacements = {"u", "z"} & set(found)
     found |= parts_of_cells(arrays, {name: found[name] for name in displacements})
-    first, second = arrays["sides"]
+    first, second = numbered_sides(arrays["cells"].T)
     cell = first[first == second]
     rows = zip(cell // arrays["cells"].shape[1], cell, strict=True)
     corners = found["cells"][:, : N + 1]
@@ -460,10 +459,11 @@ def parts_of_cells(arrays, fields):
     centres = points[cells].mean(axis=1)
     found = {"points": np.concatenate([points, centres])}
     nodes = cells
-    S = arrays["sides"].shape[1]
+    places = numbered_sides(cells)
+    S = places.shape[1]
     if arrays["u"].shape[1] > P:
         number = np.full(cells.size, -1)
-        number[arrays["sides"]] = np.arange(S)
+        number[places] = np.arange(S)
         if (number < 0).any():
             raise IndexError("a side has no number")
         number = number.reshape(v, K)
@@ -554,9 +554,9 @@ def opened(path):
     with np.load(path) as file:
         header = json.loads(str(file["header"]))
         words = file["receipt"]
-    _, kind = check_receipt.record_type(header)
-    record = words.view(kind)[0]
-    return {name: record[name] for name in kind.names}, header
+    found = check_receipt.arrays_of(words, header)
+    arrays = {name: found[name] for name in check_receipt.shapes_of(header)[1]}
+    return arrays | {"cells": arrays["cells"].astype(int)}, header
 
 
 def tampered(path, random, wanted):

@@ -10,7 +10,7 @@ from ngsolve import x, y
 from ngepc import Material, Problem, semismooth_newton, write_receipt
 from ngepc.geometries import block
 from ngepc.goals import check_receipt
-from ngepc.goals.receipt_file import packed, passed, ways
+from ngepc.goals.receipt_file import numbered_sides, packed, passed, ways
 
 MATERIAL = Material.kinematic(
     lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
@@ -45,10 +45,10 @@ def out_of_balance(name, path, noise=1e-3):
     r = check_receipt.opened(packed(arrays, header), header)
     check_receipt.balance(r)
     held = arrays["held"].all(axis=0)
-    way, levels = ways(arrays["cells"].T, arrays["sides"], held)
-    forces = passed(r.force[0], way, arrays["sides"], levels)
-    arrays = arrays | {"passed": forces[None], "way": way}
-    return arrays, header
+    places = numbered_sides(arrays["cells"].T)
+    way, levels = ways(arrays["cells"].T, places, held)
+    forces = passed(r.force[0], way, places, levels)
+    return arrays | {"passed": forces[None]}, header
 
 
 def plain_defect(r):
@@ -56,32 +56,28 @@ def plain_defect(r):
     N = r.N
     first, second = check_receipt.CONSTANTS[N]
     reach = sum(max(axis) - min(axis) for axis in r.points.tolist())
+    flow = r.passed[0]
     supports = 0.0
-    if (r.way < 0).any():
-        supports = check_receipt.rolled(r, reach) * r.force[0].sum()
+    if not flow.ravel()[r.place].any():
+        supports = 2 * check_receipt.rolled(r, reach) * r.force[0].sum()
     total = 0.0
     for K in range(r.K):
         corners = r.points[:, r.cells[:, K]].T
         centre = corners.mean(axis=0)
         length = np.linalg.norm(corners - centre)
         volume = abs(np.linalg.det(corners[1:] - corners[0])) / math.factorial(N)
-        arrives = r.force[0, K] + sum(r.passed[0, side] for side in r.side[:, K])
+        gets = r.force[0, K]
+        for i in range(N + 1):
+            for other in np.argwhere(r.side == r.side[i, K]).tolist():
+                gets += flow[tuple(other)] * (other != [i, K])
+        passes = max(gets, sum(flow[:, K])) + supports
         mu, h = r.mu[K], r.hardening[K]
         modulus = min(2 * mu * h / (2 * mu + h), r.n * r.bulk[K])
         for a in range(N + 1):
-            others = np.delete(corners, a, axis=0)
-            edges = others - centre
+            edges = np.delete(corners, a, axis=0) - centre
             det = abs(np.linalg.det(edges))
-            area = math.sqrt(
-                abs(
-                    np.linalg.det((others[1:] - others[0]) @ (others[1:] - others[0]).T)
-                )
-            ) / math.factorial(N - 1)
-            lever = 4 * reach * length ** (N - 2)
-            through = r.passed[0, r.side[a, K]] + supports
-            forces = through * (1 + lever / area)
-            inner = 1 + lever * length / (0.9 * volume)
-            forces += N * (arrives + supports) * inner
+            lever = 5 * reach * length ** (N - 1) / volume
+            forces = (N + 2) * passes * (1 + lever)
             norm = r.inside[0, a, K] / math.sqrt(det / math.factorial(N))
             b = first * norm + second * (r.jumps[0, a, K] + forces) / math.sqrt(det)
             b *= length**2 * np.linalg.norm(np.linalg.inv(edges))
@@ -109,7 +105,7 @@ def admissible(arrays, header, random):
     smooth[:, : points.shape[1]] = matrix @ points + random.normal(size=(N, 1))
     r = check_receipt.opened(packed(arrays, header), header)
     if header["order"] == 2:
-        first = arrays["sides"][0]
+        first = numbered_sides(arrays["cells"].T)[0]
         cell = first % r.K
         ends = arrays["cells"].T[cell]
         keep = np.arange(N + 1) != (first // r.K)[:, None]

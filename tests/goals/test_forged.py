@@ -10,7 +10,7 @@ from ngsolve import x
 from ngepc import Material, Problem, goal_bound, semismooth_newton, write_receipt
 from ngepc.geometries import block
 from ngepc.goals import check_receipt
-from ngepc.goals.receipt_file import packed
+from ngepc.goals.receipt_file import numbered_sides, packed, passed, ways
 
 MATERIAL = Material.kinematic(
     lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
@@ -50,8 +50,8 @@ def test_a_cell_that_is_folded_over_its_neighbour(receipt):
     """A vertex inside is moved across a side: the sizes of cells stay positive."""
     arrays, header = receipt
     points = copied(arrays, "points")
-    outer = arrays["sides"][0] == arrays["sides"][1]
-    place = arrays["sides"][0, outer]
+    first, second = numbered_sides(arrays["cells"].T)
+    place = first[first == second]
     K = header["K"]
     on_boundary = [np.delete(arrays["cells"][:, p % K], p // K) for p in place]
     inside = np.setdiff1d(arrays["cells"], on_boundary)[0]
@@ -77,26 +77,51 @@ def test_a_cell_that_stands_twice(receipt):
 def test_a_side_of_the_boundary_that_is_left_out(receipt):
     """The free side would have to be in equilibrium; without it nobody looks."""
     arrays, header = receipt
-    sides = arrays["sides"]
-    last = np.flatnonzero(sides[0] == sides[1])[-1]
-    short = {"sides": np.delete(sides, last, axis=1)}
+    first, second = numbered_sides(arrays["cells"].T)
+    last = np.flatnonzero(first == second)[-1]
+    short = {}
     for name in ("held", "contact", "prescribed", "traction", "gap", "pressure"):
         short[name] = arrays[name][..., :-1]
-    short["passed"] = np.delete(arrays["passed"], last, axis=1)
     if header["order"] == 2:
-        node = header["P"] + last
-        short["u"] = np.delete(arrays["u"], node, axis=2)
+        short["u"] = np.delete(arrays["u"], header["P"] + last, axis=2)
     sizes = {"S": header["S"] - 1, "B": header["B"] - 1}
-    refused(arrays | short, header | sizes, "^sides: not those of K")
+    refused(arrays | short, header | sizes, "^sides: not as many")
 
 
 def test_two_neighbours_that_are_not_joined(receipt):
-    """Each keeps its half of an inner side as a boundary of its own: a crack without a name."""
+    """One has copies of its points: a crack, whose two sides need data like all of the boundary."""
     arrays, header = receipt
-    sides = copied(arrays, "sides")
-    inner = np.flatnonzero(sides[0] != sides[1])[0]
-    sides[1, inner] = sides[0, inner]
-    refused(arrays | {"sides": sides}, header, "^sides: ")
+    cells = copied(arrays, "cells")
+    P = header["P"]
+    added = arrays["points"][:, cells[:, 0]]
+    cells[:, 0] = P + np.arange(3)
+    places = arrays["u"][:, :, arrays["cells"][:, 0]]
+    u = np.concatenate([arrays["u"][..., :P], places, arrays["u"][..., P:]], axis=2)
+    points = np.concatenate([arrays["points"], added], axis=1)
+    apart = {"cells": cells, "points": points, "u": u}
+    refused(arrays | apart, header | {"P": P + 3}, "^sides: not as many")
+
+
+def test_cells_with_a_side_for_three(receipt):
+    """A third cell at a side would be in no balance."""
+    arrays, header = receipt
+    first, second = numbered_sides(arrays["cells"].T)
+    inner = np.flatnonzero(first != second)[0]
+    K = header["K"]
+    ends = np.delete(arrays["cells"][:, first[inner] % K], first[inner] // K)
+    others = np.setdiff1d(np.arange(K), [first[inner] % K, second[inner] % K])
+    apex = arrays["cells"].max()
+    cells = copied(arrays, "cells")
+    cells[:, others[0]] = np.sort([*ends, apex if apex not in ends else 0])
+    refused(arrays | {"cells": cells}, header, "^sides: ")
+
+
+@pytest.mark.parametrize("change", [0.5, -1.0, 1e6])
+def test_points_that_do_not_exist(change, receipt):
+    arrays, header = receipt
+    cells = arrays["cells"].astype(float)
+    cells[0, 0] += change
+    refused(arrays | {"cells": cells}, header, "^cells: not ascending points|^sides: ")
 
 
 @pytest.mark.parametrize("name", ["mu", "hardening", "beta"])
@@ -177,13 +202,16 @@ def test_claims_are_needed(receipt, tmp_path):
 
 
 def test_a_body_that_nothing_holds(receipt):
-    """Neither ways to supports nor rollers: it can move."""
+    """Forces end where it is free, or in the first cell: it can move."""
     arrays, header = receipt
     free = {"held": 0 * arrays["held"]}
-    refused(arrays | free, header, "^way: it ends where the body is free")
-    way = copied(arrays, "way")
-    way[0] = -1
-    refused(arrays | free | {"way": way}, header, "^way: ")
+    refused(arrays | free, header, "^passed: where the body is free")
+    forces = 0 * arrays["passed"]
+    refused(arrays | free | {"passed": forces}, header, "^passed: too little")
+    places = numbered_sides(arrays["cells"].T)
+    way, levels = ways(arrays["cells"].T, places, np.zeros(header["B"], dtype=bool))
+    forces += passed(np.full(header["K"], 1e9), way, places, levels)
+    refused(arrays | free | {"passed": forces}, header, "^held: the body can move")
 
 
 def test_sizes_do_not_depend_on_the_distance_from_the_origin(receipt):
