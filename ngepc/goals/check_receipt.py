@@ -148,7 +148,7 @@ def norm(N: int, x: ndarray, length: ndarray) -> ndarray:
     return np.minimum(y.mean(axis=(0, 1)) + square / (2 * Y), length.mean(axis=0))
 
 
-def excess(N: int, v: ndarray, V: ndarray) -> tuple[ndarray, ndarray, ndarray]:
+def squared_excess(N: int, v: ndarray, V: ndarray) -> tuple[ndarray, ndarray, ndarray]:
     """Means of ([|v| - V]_+)^2 from above: by |v| - V itself, or what exceeds the ball."""
     length = lengths(v)
     y = along(v, unit(v.mean(axis=0)))
@@ -189,7 +189,9 @@ def supremum(
     r = np.maximum(slope + np.sqrt(np.maximum(root, 0.0)), 0.0) / (4 * b)
     r[root < 0] = 0.0
     found = norm(N, beta * D + r * v, of_A + r * of_v) - r * (V + b * r)
-    found += excess(N, v, V + 2 * b * r)[0] / (4 * b) + inner(y - D, y - D, N) / (4 * k)
+    found += squared_excess(N, v, V + 2 * b * r)[0] / (4 * b) + inner(
+        y - D, y - D, N
+    ) / (4 * k)
     return found, 2 * b * r, of_v.max(axis=0) - V
 
 
@@ -227,7 +229,7 @@ def shapes_of(header: dict) -> tuple[dict, dict]:
     return sizes, {name: [sizes[s] for s in shape] for name, shape in rows}
 
 
-def arrays_of(words: ndarray, header: dict) -> dict:
+def arrays_in(words: ndarray, header: dict) -> dict:
     """The sizes and arrays of a receipt."""
     found, shapes = shapes_of(header)
     ends = np.cumsum([math.prod(shape) for shape in shapes.values()])
@@ -240,7 +242,7 @@ def arrays_of(words: ndarray, header: dict) -> dict:
 
 def opened(words: ndarray, header: dict) -> Body:
     """The arrays of a receipt, and what follows from them."""
-    r = Body(**arrays_of(words, header))
+    r = Body(**arrays_in(words, header))
     large = np.abs(words)
     usual = np.count_nonzero(large > SMALLEST) == np.count_nonzero(large)
     need(usual and large.max() < 1 / SMALLEST, "numbers: too large or small, or none")
@@ -451,7 +453,7 @@ def densities(r: Body, cuts: int) -> tuple[ndarray, ndarray]:
     lower = inner(m, m, N) / (2 * r.bulk) + inner(d, d, N) / (4 * r.mu)
     for found, density, s, h in (
         (upper, flow, r.trial, 2 * r.mu + r.hardening),
-        (lower, excess, r.shifted, 2 * r.hardening),
+        (lower, squared_excess, r.shifted, 2 * r.hardening),
     ):
         beta = np.tile(r.beta, s.shape[2])[None]
         plastic = means(N, density, s.reshape(*s.shape[:2], -1), beta, cuts)

@@ -554,7 +554,7 @@ def opened(path):
     with np.load(path) as file:
         header = json.loads(str(file["header"]))
         words = file["receipt"]
-    found = check_receipt.arrays_of(words, header)
+    found = check_receipt.arrays_in(words, header)
     arrays = {name: found[name] for name in check_receipt.shapes_of(header)[1]}
     return arrays | {"cells": arrays["cells"].astype(int)}, header
 

@@ -313,7 +313,7 @@ def test_means_of_suprema_are_bounded(k):
     assert np.median(bounds[2] / best) <= np.median(bounds[0] / best)
 
 
-@pytest.mark.parametrize("density", ["flow", "excess"])
+@pytest.mark.parametrize("density", ["flow", "squared_excess"])
 def test_plastic_terms_are_bounded(density):
     """By the law of the step at many points; nearly so where all of a cell yields, or with cuts."""
     random = np.random.default_rng(3)
