@@ -189,9 +189,8 @@ def supremum(
     r = np.maximum(slope + np.sqrt(np.maximum(root, 0.0)), 0.0) / (4 * b)
     r[root < 0] = 0.0
     found = norm(N, beta * D + r * v, of_A + r * of_v) - r * (V + b * r)
-    found += squared_excess(N, v, V + 2 * b * r)[0] / (4 * b) + inner(
-        y - D, y - D, N
-    ) / (4 * k)
+    found += squared_excess(N, v, V + 2 * b * r)[0] / (4 * b)
+    found += inner(y - D, y - D, N) / (4 * k)
     return found, 2 * b * r, of_v.max(axis=0) - V
 
 
