@@ -1,9 +1,9 @@
 """Which coefficients are known to be polynomials of low degree on the elements of a mesh.
 
 Numbers, coordinates and functions of finite element spaces of the mesh are polynomials on straight
-simplices, and so are sums and products of these.  NGSolve's text of an expression says what it is
-made of, each part in a line that is indented below the whole; what is not known by name is taken
-for something else.
+simplices, and so are sums and products of these, and quotients by what is constant on each element.
+NGSolve's text of an expression says what it is made of, each part in a line that is indented below
+the whole; what is not known by name is taken for something else.
 """
 
 from __future__ import annotations
@@ -34,6 +34,9 @@ SUMS = re.compile(
 PRODUCTS = re.compile(
     r"binary operation '\*'|innerproduct.*|(matrix|scalar)-(vector|matrix) multiply"
 )
+QUOTIENTS = re.compile(r"binary operation '/'")
+OF_CONSTANTS = re.compile(r"unary operation '\w+'|binary operation 'pow'")
+"""What is known of constants alone: it is constant on each element, too."""
 CHOICE = re.compile(r".*IfPosCoefficientFunction.*")
 ON_FACET = re.compile(".*BoundaryFromVolume.*")
 ORIENTATION = ("innerproduct.*", "normal vector", ON_FACET)
@@ -80,6 +83,7 @@ def degree_of(value: CoefficientFunction) -> float:
 def _all_known(text: str) -> bool:
     """Whether the degree of each kind of part is known; a part is printed wherever it is used."""
     known = (FUNCTIONS, CONSTANTS, COORDINATES, SUMS, CHOICE, PRODUCTS, ON_FACET)
+    known += (QUOTIENTS, OF_CONSTANTS)
     met = set()
     for _, name in _lines(text):
         if name not in met:
@@ -140,4 +144,8 @@ def _combined(name: str, below: list[float], order: int) -> float:
         return max(below)
     if PRODUCTS.fullmatch(name) and below:
         return 2 * below[0] if SAME in name or len(below) == 1 else sum(below)
+    if QUOTIENTS.fullmatch(name) and below[1:] == [0]:
+        return below[0]
+    if OF_CONSTANTS.fullmatch(name) and below and not any(below):
+        return 0
     return math.inf

@@ -37,6 +37,7 @@ from ngepc.model.elements import outward_normal
 MESH = block.mesh(0.5, (1.0, 0.7))
 U = GridFunction(VectorH1(MESH, order=2))
 S = GridFunction(L2(MESH, order=3))
+PARTS = MESH.MaterialCF({"body": 2.0})
 
 
 @pytest.mark.parametrize(
@@ -47,6 +48,9 @@ S = GridFunction(L2(MESH, order=3))
         (-3 * specialcf.normal(2), 0),
         (MESH.MaterialCF({"body": 2.0}), 0),
         (-x / 3, 1),
+        (x * y / PARTS, 2),
+        (1 / (PARTS + 1), 0),
+        (sqrt(PARTS) + PARTS**0.3, 0),
         (-10 * outward_normal(MESH), 0),
         (IfPos(MESH.MaterialCF({"body": 2.0}), x, 1.0), 1),
         (CF((x, 2.0, 0.0, y)).Reshape((2, 2)), 1),
@@ -69,7 +73,19 @@ def test_degrees(value, degree):
 
 
 @pytest.mark.parametrize(
-    "value", [sin(x), IfPos(x, 1, 2), sqrt(x), 1 / (1 + x), Norm(U), exp(S), x**0.5]
+    "value",
+    [
+        sin(x),
+        IfPos(x, 1, 2),
+        sqrt(x),
+        1 / (1 + x),
+        Norm(U),
+        exp(S),
+        x**0.5,
+        PARTS / x,
+        sqrt(1 + x * PARTS),
+        PARTS**x,
+    ],
 )
 def test_other_functions_have_none(value):
     assert degree_of(value) == math.inf

@@ -47,6 +47,22 @@ def test_polynomials_need_no_words():
     assert semismooth_newton(found).message == ""
 
 
+@pytest.mark.parametrize("kind", ["kinematic", "isotropic", "mixed"])
+def test_materials_of_parts_need_no_words(kind):
+    """Their hardening has quotients of numbers that are constant in each part."""
+    mesh = block.structured_mesh(4, 4, simplices=True)
+    share = {"kinematic_share": 0.5} if kind == "mixed" else {}
+    metal = Material.metal(
+        young=mesh.MaterialCF({".*": 2.5e3}),
+        poisson=0.25,
+        yield_stress=mesh.MaterialCF({".*": 5.0}),
+        tangent_modulus=150.0,
+        kind=kind,
+        **share,
+    )
+    assert what_is_unseen(Problem(mesh, metal, pressure={"contact": 1.0})) == ""
+
+
 def test_the_paper_s_method_says_it_too():
     found = problem(order=1, traction={"contact": (0, sin(x))})
     assert "known from samples only: traction" in semismooth_newton(found, 1e3).message
