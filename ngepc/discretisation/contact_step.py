@@ -238,16 +238,17 @@ def contact_work(
     conditions = here.body.contact
     if conditions.absent:
         return (lambda t: 0.0), np.zeros_like(change)
-    slip = here.slip
     touching = here.touching_distance
+    closed = (here.open_gap <= touching) & (conditions.normal(following) > 0)
+    closed |= conditions.rows.tied
+    if not conditions.friction.d:
+        return (lambda t: 0.0), conditions.forces(np.where(closed, following, 0.0))
+    slip = here.slip
     way = conditions.tangential(conditions.displacement(change))
     moves = np.linalg.norm(np.stack([slip, slip + way]), axis=2).max(axis=0) > touching
     way = np.where(moves[:, None], way, 0.0)
     bound = conditions.bound(following)
-    closed = (here.open_gap <= touching) & (conditions.normal(following) > 0)
-    idle = np.append(
-        closed | conditions.rows.tied, np.repeat(~moves, conditions.friction.d)
-    )
+    idle = np.append(closed, np.repeat(~moves, conditions.friction.d))
 
     def slope(t: float) -> float:
         """Just before t (just after 0)."""

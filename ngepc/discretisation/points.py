@@ -83,7 +83,9 @@ class Elements:
         There is one part if they are few.
         """
         total = numbers * len(self.nodes)
-        count = 1 if total < SMALL else 2 * ceil(total / (2 * CHUNK))
+        if total < SMALL:
+            return [self]
+        count = 2 * ceil(total / (2 * CHUNK))
         size = max(1, ceil(len(self.nodes) / count))
         names = ("nodes", "points", "weights", "slopes")
         return [

@@ -80,6 +80,8 @@ def nodal_values(start: object, problem: Problem) -> np.ndarray:
             f"start has {source.dim} components: a displacement of {N} is needed"
         )
     given = np.stack([part.vec.FV().NumPy() for part in source.components], axis=1)
+    if own is mesh and source.space.globalorder == problem.order:
+        return given
     count = H1(mesh, order=problem.order).ndof
     same = np.array_equal(vertex_coordinates(mesh), vertex_coordinates(own))
     if same and len(given) == count:
