@@ -319,6 +319,25 @@ def test_site_works_in_a_browser_without_network(site, page):
 
 
 @pytest.mark.skipif(chromium() is None, reason="needs Chromium")
+@pytest.mark.parametrize(
+    "page", ["believing", "error_bound", "friction", "goal_bound", "hardening"]
+)
+def test_formulas_fit_the_text(site, page):
+    """Pages with long formulas: none is cut at the right end of its column."""
+    wide = (
+        "[...document.querySelectorAll('article div.math')].filter(e => {"
+        " const formula = e.querySelector('mjx-math');"
+        " return formula && formula.getBoundingClientRect().right"
+        " > e.getBoundingClientRect().right + 2; }).map(e => e.textContent.slice(0, 60))"
+    )
+    with Browser(1440, 1000) as browser:
+        browser.open(site / f"{page}.html")
+        browser.wait_for("document.querySelectorAll('mjx-container').length > 5")
+        browser.evaluate("MathJax.startup.promise.then(() => 0)")
+        assert browser.evaluate(wide) == []
+
+
+@pytest.mark.skipif(chromium() is None, reason="needs Chromium")
 def test_search_shows_snippets_from_disk(site):
     with Browser() as browser:
         seen = browser.open(site / "search.html", "?q=certificate")
