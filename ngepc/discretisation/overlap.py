@@ -23,6 +23,11 @@ CHUNK = 2000  # facets of the first surface whose pairs are held in memory at on
 THIN = 1e-12  # smaller overlaps, as a part of a facet, are neglected
 
 
+OUTSIDE = 1e-6
+"""Barycentric coordinates below minus this are not on a facet: where a surface curves away from the
+other one, lines along its normals pass by."""
+
+
 class Surface:
     """The facets of some boundaries, straight, with N vertices each."""
 
@@ -140,6 +145,7 @@ def _overlaps(one: Surface, two: Surface, i: np.ndarray, j: np.ndarray) -> tuple
     other = _hit(two.corners[j], here, normals if N == 2 else one.normals[i])
     gaps = ((_interpolated(two.corners[j], other) - here) * normals).sum(axis=1)
     near = gaps > -(one.radii[i] + two.radii[j])
+    near &= other.min(axis=1) > -OUTSIDE
     parts = i, j, lam, other, weights.ravel(), normals, gaps
     return tuple(part[near] for part in parts)
 

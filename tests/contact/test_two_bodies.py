@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from netgen.occ import Box, Compound, MoveTo, OCCGeometry, Rectangle, X, Y, Z
-from ngsolve import Mesh
+from netgen.occ import Box, Compound, MoveTo, OCCGeometry, Rectangle, WorkPlane, X, Y, Z
+from ngsolve import CF, Mesh
 
 from ngepc import (
     Contact,
@@ -278,3 +278,35 @@ def test_pairs_stand_beside_obstacles():
     pressure = result.nodal_contact_forces / result.rows.weights
     p = SQUEEZE / 2 * E / (1 - NU**2)
     assert pressure == pytest.approx(np.full(len(pressure), p), rel=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_a_cylinder_on_a_block_is_felt_below_only(order, friction):
+    """Along its equator normals pass the block by: no row there, and it carries the weight."""
+    pin = WorkPlane().Circle(0, 1, 1).Face()
+    pin.edges.name, pin.faces.name = "rim", "pin"
+    base = MoveTo(-2, -1).Rectangle(4, 1).Face()
+    base.edges.Min(Y).name, base.edges.Max(Y).name = "base", "top"
+    base.faces.name = "block"
+    both = OCCGeometry(Compound([pin, base]), dim=2)
+    mesh = Mesh(both.GenerateMesh(maxh=0.3)).Curve(2)
+    steel = Material.kinematic(
+        lame_lambda=1.2e5, lame_mu=8e4, yield_stress=250.0, hardening=1e3
+    )
+    problem = Problem(
+        mesh,
+        steel,
+        "base",
+        body_force=CF((0.0, mesh.MaterialCF({"pin": -10.0}, default=0.0))),
+        contact=Contact("rim", "top"),
+        springs={"rim": (1e-3, 1e-3)},
+        kinematics="plane strain",
+        order=order,
+        friction=friction,
+    )
+    result = semismooth_newton(problem).raise_for_status()
+    assert np.abs(result.rows.gaps).max() < 10
+    weight = -result.applied_force[1]
+    assert result.equilibrium.reactions["base"][1] == pytest.approx(weight, rel=1e-3)
+    assert result.contact_force == pytest.approx(weight, rel=6e-3)
