@@ -77,8 +77,9 @@ A method may cover two features but not both at once. These pairs are refused, t
   of the contact boundary.
 
 Bounds and brackets need coefficients that are constant on each element. "Guaranteed" means
-proved for data that are numbers, finite element functions or polynomials on each element; for
-other data the bound depends on samples, and `guaranteed` is False.
+proved for data that are numbers, finite element functions or polynomials on each element, and for
+gaps that are formulas in the coordinates, spheres and discs for example (not for bodies of
+revolution). For other data the bound depends on samples, and `guaranteed` is False.
 
 This page is made by `python docs/features.py`, and a test compares it with the methods. Another
 test runs each method on a problem with each feature: the result agrees with an independent

@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from ngsolve import BND, CF, Mesh
+from ngsolve import BND, CF, CoefficientFunction, Mesh
 
 from ngepc.bounds.coverage import CONSTANT, FACET_RULES, edge_functions
+from ngepc.bounds.enclosure import GapEnclosure, enclosed_gap
 from ngepc.bounds.matching import Interface
 from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import Coefficient
 from ngepc.checks.sentences import in_words
+from ngepc.discretisation.enclosed_gaps import OF_OBSTACLES
+from ngepc.discretisation.formulas import FacetCorners, formula_of
+from ngepc.discretisation.polynomials import is_polynomial
 from ngepc.discretisation.sampling import HiddenRule, Scan
+from ngepc.linalg.intervals import Intervals
 from ngepc.model.elements import cells_of
 from ngepc.model.problem import Problem, as_scalar
 
@@ -26,8 +31,9 @@ class OuterFacets:
         self.cells = cells
         self.rule = FACET_RULES[N]
         vertices, region = cells_of(mesh, N - 1)
-        self._order = vertices[:, :N].argsort(axis=1)
-        self.facet = cells.facets_between(vertices[:, :N])
+        self._vertices = vertices[:, :N]
+        self._order = self._vertices.argsort(axis=1)
+        self.facet = cells.facets_between(self._vertices)
         self._name = np.array(mesh.GetBoundaries())[region]
 
     def on(self, names: tuple[str, ...], argument: str) -> np.ndarray:
@@ -77,6 +83,11 @@ class OuterFacets:
         """The scan of a coefficient on some boundary elements."""
         return Scan(self.mesh, value, BND, on)
 
+    def corners(self, on: np.ndarray) -> FacetCorners:
+        """Some boundary elements, for enclosures of coefficients on them."""
+        places = Intervals.exactly(self.cells.points[self._vertices[on]])
+        return FacetCorners(places, lambda value: self.values(value, on))
+
     def at_vertices(self, values: np.ndarray, on: np.ndarray) -> np.ndarray:
         """Vertex values of boundary elements, reordered as the vertices of their facets."""
         return values[np.arange(len(values))[:, None], self._order[on]]
@@ -90,8 +101,8 @@ class Boundary(OuterFacets):
     (force), zero elsewhere.  ``uneven`` has the facets with tractions, and for each the mean of
     r r' (., N, N), where r is g less the affine function with these moments.  ``contact`` are the
     numbers of the contact facets.  At their vertices (contact facets, N), ``gap`` is an affine
-    function that is nowhere above psi, ``excess`` the integral of psi - gap times the hat
-    functions, and ``friction`` is F (stress) or zero.  For displacements of order two in three
+    function that is nowhere above psi, ``excess`` at least the integral of psi - gap times the
+    hat functions, and ``friction`` is F (stress) or zero.  For displacements of order two in three
     dimensions ``gap`` is quadratic: its further columns are the coefficients of NGSolve's edge
     functions, of the edges opposite to the vertices.  ``elastic`` are the numbers of the facets
     with springs, ``stiffness`` (elastic facets, N, N) their matrices K: the traction is -K u.
@@ -184,35 +195,67 @@ class Boundary(OuterFacets):
             self.problem.contact_names, f"contact={in_words(self.problem.contact)}"
         )
         self.contact = self.facet[on]
-        rule = self.rule
-        psi = self.values(self.problem.psi, on)
-        N = self.cells.N
-        bent = np.zeros((len(psi), 0))
-        if N == 3 and self.problem.order == 2:
-            bent = rule.bubbles(psi[:, :, 0])
-        flat = psi[:, :, 0] - rule.bent(bent)
-        lowest = rule.lowest_defect(flat)[:, None]
-        above = flat[:, :N] + lowest
-        weights = self.cells.measure[self.contact][:, None] * rule.weights
-        more = (weights * (flat - above @ rule.shares.T)) @ rule.shares
-        row = np.cumsum(on) - 1
+        found = GapEnclosure.zero(len(self.contact), self.cells.N, self._quadratic)
         for name, gap in self.problem.gaps.items():
-            scan = self.scan(gap, self._name == name)
-            for number in scan.hidden.tolist():
-                place = row[number]
-                ends = flat[place, :N]
-                found = hidden_obstacle(scan.rule(number), ends, bent[place])
-                above[place], more[place] = found
-        self.gap = self.at_vertices(above, on)
-        if bent.shape[1]:
-            self.gap = np.concatenate([self.gap, self.at_vertices(bent, on)], axis=1)
-        self.excess = self.at_vertices(more, on)
+            chosen = on & (self._name == name)
+            found = found.with_rows(chosen[on], self._enclosed(gap, chosen))
+        size = self.cells.measure[self.contact][:, None]
+        self.gap = self.at_vertices(found.below, on)
+        if found.bent.shape[1]:
+            bent = self.at_vertices(found.bent, on)
+            self.gap = np.concatenate([self.gap, bent], axis=1)
+        self.excess = size * self.at_vertices(found.excess, on)
         bound = 0.0 if self.problem.friction is None else self.problem.friction
         self.friction = self.at_vertices(
             self.affine("friction", bound, on)[:, :, 0], on
         )
         if self.problem.initial_displacement is not None:
             self._check_start(on)
+
+    @property
+    def _quadratic(self) -> bool:
+        """Whether displacements are quadratic on facets with edge functions of their own."""
+        return self.cells.N == 3 and self.problem.order == 2
+
+    def _enclosed(self, gap: CoefficientFunction, on: np.ndarray) -> GapEnclosure:
+        """Enclosures of a gap on some contact facets, by its formula where it has one."""
+        if is_polynomial(gap, self.mesh, OF_OBSTACLES):
+            return self._by_values(gap, on)
+        formula = formula_of(gap)
+        if formula is None:
+            return self._by_values(gap, on)
+        found = enclosed_gap(formula, self.corners(on), self._quadratic)
+        known = found.finite & self._is_above(gap, found, on)
+        if known.all():
+            return found
+        return self._by_values(gap, on).with_rows(known, found.rows(known))
+
+    def _is_above(
+        self, gap: CoefficientFunction, found: GapEnclosure, on: np.ndarray
+    ) -> np.ndarray:
+        """Where values of a gap confirm that its polynomials are below, but for rounding."""
+        values = self.values(gap, on)[:, :, 0]
+        above = values - found.values() + CONSTANT * np.abs(values).max(initial=0.0)
+        return (above >= 0).all(axis=1)
+
+    def _by_values(self, gap: CoefficientFunction, on: np.ndarray) -> GapEnclosure:
+        """Enclosures of a gap by its values at points; proved for quadratic functions."""
+        rule = self.rule
+        psi = self.values(gap, on)[:, :, 0]
+        N = self.cells.N
+        bent = rule.bubbles(psi) if self._quadratic else np.zeros((len(psi), 0))
+        flat = psi - rule.bent(bent)
+        below = flat[:, :N] + rule.lowest_defect(flat)[:, None]
+        excess = (rule.weights * (flat - below @ rule.shares.T)) @ rule.shares
+        row = np.cumsum(on) - 1
+        scan = self.scan(gap, on)
+        for number in scan.hidden.tolist():
+            place = row[number]
+            ends = flat[place, :N]
+            found = hidden_obstacle(scan.rule(number), ends, bent[place])
+            below[place] = found[0]
+            excess[place] = found[1] / self.cells.measure[self.facet[number]]
+        return GapEnclosure(below, bent, excess)
 
     def _check_start(self, on: np.ndarray) -> None:
         """Refuse displacements at the start of the step that are not known at the nodes."""

@@ -1,8 +1,9 @@
 """Data of a problem that are known from samples only, and the message about them.
 
-Numbers, finite element functions and polynomials on elements are known exactly.  Anything else is
-looked at in points: loads and gaps on the lattice of ``Scan``, materials on that of ``finer``,
-histories at the integration points.
+Numbers, finite element functions and polynomials on elements are known exactly.  Gaps that are
+formulas in the coordinates can be enclosed (``enclosed_gaps``).  Anything else is looked at in
+points: loads and gaps on the lattice of ``Scan``, materials on that of ``finer``, histories at the
+integration points.
 """
 
 from __future__ import annotations
@@ -12,6 +13,11 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from ngsolve import BND, H1, VOL, ElementId, Mesh
 
+from ngepc.discretisation.enclosed_gaps import (
+    OF_OBSTACLES,
+    gaps_are_enclosed,
+    gaps_are_followed,
+)
 from ngepc.discretisation.finer import parts_inside
 from ngepc.discretisation.gap_records import scanned_gap
 from ngepc.discretisation.loads import shapes_at
@@ -29,8 +35,6 @@ ON_BOUNDARY = (
     "prescribed",
     "initial_displacement",
 )
-OF_OBSTACLES = 2
-"""The highest degree of obstacles whose lowest point between nodes is known."""
 LOADS = ("body_force", "traction", "pressure")
 """Data that a solver samples on the lattice."""
 OF_MATERIAL = (
@@ -48,12 +52,16 @@ BETWEEN = (*LOADS, *OF_MATERIAL, "gap")
 
 
 def sampled_data(problem: Problem) -> list[str]:
-    """Names of the data that are known from samples: those that are no polynomials on elements."""
-    mesh = problem.mesh
+    """Names of the data that bounds know from samples: neither polynomials nor enclosed gaps."""
+    return _names_of(problem, gaps_are_enclosed(problem))
+
+
+def _names_of(problem: Problem, gap_is_known: bool) -> list[str]:
+    """Names of the data that are no polynomials on elements, and of gaps that are not known."""
     return [
         name
         for name, value in _given(problem).items()
-        if not _exact(value, mesh, OF_OBSTACLES if name == "gap" else HIGHEST)
+        if not (gap_is_known if name == "gap" else _exact(value, problem.mesh))
     ]
 
 
@@ -67,7 +75,12 @@ def what_is_unseen(problem: Problem, scanned: Collection[str] | None = BETWEEN) 
     scanned
         What is looked at between nodes and integration points; None for all, as error bounds do.
     """
-    names = sampled_data(problem)
+    if scanned is None:
+        names = sampled_data(problem)
+    elif "gap" in scanned:
+        names = _names_of(problem, gaps_are_followed(problem))
+    else:
+        names = _names_of(problem, _exact(problem.gap, problem.mesh, OF_OBSTACLES))
     if not names:
         return ""
     texts = [f"{name} ({_seen_at(problem, name, scanned)})" for name in names]
@@ -141,7 +154,7 @@ def _given(problem: Problem) -> dict[str, object]:
     }
 
 
-def _exact(value: object, mesh: Mesh, highest: int) -> bool:
+def _exact(value: object, mesh: Mesh, highest: int = HIGHEST) -> bool:
     """Whether every coefficient in a value, a mapping or a sequence is a polynomial."""
     if isinstance(value, Mapping):
         value = list(value.values())

@@ -70,9 +70,8 @@ class Obstacle(Declared):
         """Distance t at which the ray X + t n enters the obstacle; ``far`` if it does not."""
         a, b, c = self.level(X, n)
         discriminant = b * b - a * c
-        onward = sqrt(IfPos(discriminant, discriminant, 0.0)) - b
-        onward = IfPos(discriminant, onward, IfPos(CF(a), -1.0, onward))
-        t = c / IfPos(onward - 1e-12, onward, 1.0)
+        onward = IfPos(discriminant, sqrt(discriminant) - b, IfPos(CF(a), -1.0, -b))
+        t = c / onward
         return IfPos(onward - 1e-12, IfPos(t - far, far, IfPos(-far - t, -far, t)), far)
 
     def gap(

@@ -1,7 +1,7 @@
 """What is known from samples is said, and obstacles between nodes are found."""
 
 import pytest
-from ngsolve import CF, IfPos, sin, sqrt, x, y
+from ngsolve import CF, BSpline, IfPos, exp, sin, sqrt, x, y
 
 from ngepc import Coulomb, Material, Problem, semismooth_newton
 from ngepc.discretisation.sampled import sampled_data, what_is_unseen
@@ -10,6 +10,7 @@ from ngepc.geometries import block
 MATERIAL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=1e3
 )
+SPLINE = BSpline(2, [-1, -1, 0, 1, 2, 2], [0.0, 1.0, 1.4, 1.8, 2.0])
 HALF = 0.004
 """Half of the width of a spike, a sixtieth of a facet."""
 
@@ -24,7 +25,7 @@ def problem(**data):
         ({"body_force": (0, sin(x))}, "body_force (at 1/96 of each edge"),
         ({"traction": {"contact": (0, sin(x))}}, "traction (at 1/128 of each edge"),
         ({"pressure": {"contact": sin(x)}}, "pressure (at 1/128 of each edge"),
-        ({"contact": "contact", "gap": sqrt(1 + x)}, "gap (at 1/128 of each edge"),
+        ({"contact": "contact", "gap": SPLINE(x)}, "gap (at 1/128 of each edge"),
         (
             {"contact": "contact", "gap": 0.1, "friction": Coulomb(1 / (1 + x))},
             "friction (at nodes)",
@@ -61,6 +62,26 @@ def test_materials_of_parts_need_no_words(kind):
         **share,
     )
     assert what_is_unseen(Problem(mesh, metal, pressure={"contact": 1.0})) == ""
+
+
+@pytest.mark.parametrize("gap", [sqrt(1 + x), 0.1 * sin(3 * x), 1 / (1 + x)])
+def test_formulas_of_gaps_need_no_words(gap):
+    found = problem(contact="contact", gap=gap)
+    assert sampled_data(found) == []
+    assert "samples" not in semismooth_newton(found).message
+
+
+@pytest.mark.parametrize(
+    "gap",
+    [
+        1 - 0.5 * exp(-(((x - 0.6) / 1e-4) ** 2)),
+        IfPos(HALF - sqrt((x - 0.6) ** 2), 0.5, 1.0),
+    ],
+)
+def test_a_formula_may_hide_a_spike_from_the_solver_but_not_from_bounds(gap):
+    found = problem(contact="contact", gap=gap)
+    assert sampled_data(found) == []
+    assert "gap (at 1/128 of each edge" in what_is_unseen(found)
 
 
 def test_the_paper_s_method_says_it_too():
