@@ -179,5 +179,4 @@ def test_derivatives_in_a_part_of_a_facet_say_nothing_about_its_corners():
     right = x - 0.5
     gap = IfPos(right, -right - (right - 0.5) ** 4, -0.5)
     whole = formula_on(formula_of(gap), facets).whole
-    assert sampled(mesh, gap).max() > -0.08
-    assert whole.high >= -0.0625
+    assert whole.high >= -0.0625  # its limit in the middle, from the right

@@ -71,6 +71,11 @@ def test_formulas_of_gaps_need_no_words(gap):
     assert "samples" not in semismooth_newton(found).message
 
 
+def test_bounds_of_bodies_of_revolution_need_polynomials():
+    data = {"contact": "contact", "gap": sqrt(1 + x)}
+    assert sampled_data(problem(kinematics="axisymmetric", **data)) == ["gap"]
+
+
 @pytest.mark.parametrize(
     "gap",
     [
