@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import Mesh
 
+from ngepc.bounds.bisection import Bisection
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets
 from ngepc.bounds.coverage import COVERS as BOUNDED
@@ -26,10 +27,8 @@ from ngepc.bounds.transfer import (
     bisected,
     carried_state,
     check_carried,
-    copied,
     discrete_on,
     not_carried,
-    parents_in,
     with_matching,
 )
 from ngepc.discretisation.factors import Factors
@@ -37,7 +36,6 @@ from ngepc.local.indicators import COVERS as ESTIMATED
 from ngepc.local.indicators import error_indicators
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State
-from ngepc.model.elements import determinants, element_nodes, vertex_coordinates
 from ngepc.model.features import HISTORY_FEATURES, is_covered
 from ngepc.model.support import rigid_motions
 
@@ -175,27 +173,17 @@ def bisected_where_outstanding(
     The indicators of children are taken to be proportional to their areas.
     """
     limit = max(SHARE, TIMES / mesh.ne) * indicators.sum()
-    if not (indicators > limit).any():
-        return None
     outstanding = indicators > limit
-    density = indicators / volumes(mesh, slice(None))
-    finer, number = copied(mesh)
-    parents = parents_in(number)
+    if not outstanding.any():
+        return None
+    finer = Bisection(mesh)
+    there = np.flatnonzero(outstanding)
+    density = np.zeros(len(indicators))
+    density[there] = indicators[there] / finer.sizes(there)
     for _ in range(MOST_PASSES):
-        there = np.flatnonzero(outstanding[parents])
-        large = density[parents[there]] * volumes(finer, there) > limit
-        if not large.any():
+        there = np.flatnonzero(outstanding[finer.parents])
+        expected = density[finer.parents[there]] * finer.sizes(there)
+        if not (expected > limit).any():
             break
-        chosen = np.zeros(finer.ne, dtype=bool)
-        chosen[there[large]] = True
-        finer.SetRefinementFlags(chosen.tolist())
-        finer.Refine()
-        parents = parents_in(number)
-    return finer, parents
-
-
-def volumes(mesh: Mesh, chosen: np.ndarray | slice) -> np.ndarray:
-    """The areas of some triangles of a mesh."""
-    corners = vertex_coordinates(mesh)[element_nodes(mesh)[chosen, :3]]
-    sides = (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
-    return np.abs(determinants(sides)) / 2
+        finer.cut(there[expected > limit])
+    return finer.built()

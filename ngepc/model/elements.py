@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import (
     CF,
     ET,
@@ -47,12 +48,17 @@ TYPES = {(1, 2): ET.SEGM} | {key: shape for key, (shape, _) in SHAPES.items()}
 """(dimension, number of vertices) -> type."""
 
 
+def elements_in(netgen_mesh: NetgenMesh, dimension: int) -> np.ndarray:
+    """View of Netgen's elements of a dimension, with node numbers that begin at one."""
+    return getattr(netgen_mesh, f"Elements{dimension}D")().NumPy()
+
+
 def cells_of(mesh: Mesh, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """Node numbers (-1 for none) of the elements of a dimension, and their region numbers.
 
     The first 2^dimension nodes are vertices, those of edges follow.
     """
-    elements = getattr(mesh.ngmesh, f"Elements{dimension}D")().NumPy()
+    elements = elements_in(mesh.ngmesh, dimension)
     numbers = elements["nodes"]
     count, given = numbers.shape
     nodes = np.full((count, max(given, 2**dimension)), -1)
