@@ -104,7 +104,8 @@ def pressure_on_copy(
     if problem.N == 3 or problem.contact_pairs or not problem.contact_names:
         return None
     if problem.order == 1:
-        return pressure_with_resultant(result.state, copy, contact)
+        P = contact.pressure(copy.multipliers)
+        return pressure_with_resultant(result.state, contact, P)
     cells = Simplices.of(problem.mesh)
     old = ContactFacets(result.discrete, Boundary(problem, cells))
     P = old.pressure(result.state.multipliers)
@@ -119,20 +120,21 @@ def pressure_on_copy(
     share = np.einsum("eac,ec->ea", places - start[:, None], along)
     share = share / length_squared[:, None]
     P = (1 - share) * P[facet, :1] + share * P[facet, 1:]
-    return np.maximum(P, 0.0)
+    return pressure_with_resultant(result.state, contact, np.maximum(P, 0.0))
 
 
 def pressure_with_resultant(
-    own: State, copy: State, contact: ContactFacets
+    own: State, contact: ContactFacets, P: np.ndarray
 ) -> np.ndarray:
-    """The pressure of the forces on a copy, changed to the resultant of those of a state.
+    """A pressure on a copy, changed to the resultant of the forces of a state.
 
     Then stresses around the contact zone balance what is left, see ``strain_nearby``.
     """
-    P = contact.pressure(copy.multipliers)
-    motions = rigid_motions(contact.boundary.cells.points)
+    vertices = rigid_motions(contact.boundary.cells.points)
+    motions = np.zeros((len(contact.discrete.free), *vertices.shape[1:]))
+    motions[: len(vertices)] = vertices  # they are affine: edges have no part of them
     pushed = own.discrete.rows.normal.T @ np.maximum(own.multipliers, 0.0)
-    pushed = pushed.reshape(len(own.u), -1)
+    pushed = pushed.reshape(len(own.u), -1)[: own.discrete.problem.mesh.nv]
     wanted = np.einsum("ni,nik->k", pushed, motions[: len(pushed)])
     return pressure_of_works(RigidWorks(contact, motions), P, wanted)
 

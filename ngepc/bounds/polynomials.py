@@ -257,9 +257,12 @@ def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:
         beta = beta[out]
         area = area[out]
         cell = cell[out]
-        found, narrow = _exceeding(s, beta)
+        means = np.empty(len(s))
+        narrow = np.empty(len(s), dtype=bool)
+        for some in portions(len(s)):
+            means[some], narrow[some] = _exceeding(s[some], beta[some])
         done = narrow if level < FROM_BELOW[k] else np.ones(len(s), dtype=bool)
-        result += np.bincount(cell[done], (area * found)[done], minlength=len(result))
+        result += np.bincount(cell[done], (area * means)[done], minlength=len(result))
         s = np.matmul(SPLIT[k].reshape(-1, k), s[~done]).reshape(-1, k, s.shape[2])
         beta, area, cell = (
             np.repeat(v[~done], parts) for v in (beta, area / parts, cell)
@@ -270,22 +273,33 @@ def exceeding(s: np.ndarray, beta: np.ndarray, area: np.ndarray) -> np.ndarray:
 def _exceeding(s: np.ndarray, beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The bound over the area without splitting, and where that is accurate."""
     k = s.shape[1]
-    places, weights = _DEGREE_SIX[k]
-    values = np.matmul(places, s)
-    mean = s.mean(axis=1)
-    square = np.einsum("tqd,tqd->tq", values, values)
-    middle = (square @ weights)[:, None]
-    r = square / middle - 1
-    beta = beta[:, None]
-    size = np.sqrt(middle) * (1 + r * (1 / 2 - r * (1 / 8 - r / 16)))
-    whole = (square - 2 * beta * size + beta**2) @ weights
-    length = np.linalg.norm(mean, axis=1)
-    direction = mean / np.where(length > 0, length, 1.0)[:, None]
-    along = np.einsum("tvd,td->tv", s, direction) - beta
+    own = s.transpose(1, 2, 0).copy()  # sums over vertices are sums of long vectors
+    mean = own.sum(axis=0) / k
+    length = np.sqrt(np.einsum("dn,dn->n", mean, mean))
+    direction = mean / np.where(length > 0, length, 1.0)
+    along = np.einsum("vdn,dn->vn", own, direction) - beta
     theta = np.maximum(along, 0.0)
     twice = 2 * along - theta
-    sums = theta.sum(axis=1) * twice.sum(axis=1)
-    part = (sums + np.einsum("tv,tv->t", theta, twice)) / (k * (k + 1))
-    outside = (along >= 0).all(axis=1)
-    narrow = outside & (np.abs(r).max(axis=1, initial=0.0) <= VARIES)
-    return np.maximum(np.where(outside, np.maximum(whole, part), part), 0.0), narrow
+    sums = theta.sum(axis=0) * twice.sum(axis=0)
+    found = (sums + np.einsum("vn,vn->n", theta, twice)) / (k * (k + 1))
+    outside = np.flatnonzero(along.min(axis=0) >= 0)
+    whole, variation = _exceeding_outside(own[..., outside], beta[outside])
+    found[outside] = np.maximum(found[outside], whole)
+    narrow = np.zeros(len(s), dtype=bool)
+    narrow[outside] = variation <= VARIES
+    return np.maximum(found, 0.0), narrow
+
+
+def _exceeding_outside(
+    own: np.ndarray, beta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The bound by the polynomial for values (k, d, n) at vertices, and the largest |r|, (n,)."""
+    k, d, count = own.shape
+    places, weights = _DEGREE_SIX[k]
+    values = (places @ own.reshape(k, -1)).reshape(len(places), d, count)
+    square = np.einsum("qdn,qdn->qn", values, values)
+    middle = weights @ square
+    r = square / middle - 1
+    size = np.sqrt(middle) * (1 + r * (1 / 2 - r * (1 / 8 - r / 16)))
+    means = weights @ (square - 2 * beta * size + beta**2)
+    return means, np.abs(r).max(axis=0, initial=0.0)

@@ -19,6 +19,7 @@ from scipy.sparse.linalg import splu
 from ngepc.bounds.ring_element import RingElement
 from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.linalg.bernstein import from_lattice, lattice_points
+from ngepc.linalg.direct import WITHOUT_PIVOTS
 
 FEW = 2
 """Triangles at a boundary vertex with at most so many triangles are cut."""
@@ -164,12 +165,7 @@ class LinearSystem:
         blocks = np.matmul(self._BA, B.transpose(0, 2, 1))
         self._matrix, self._scale = conditions.assembled(blocks)
         shift = SHIFT * diags(np.ones(conditions.count))
-        self._factors = splu(
-            (self._matrix + shift).tocsc(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        self._factors = splu((self._matrix + shift).tocsc(), **WITHOUT_PIVOTS)
 
     def multipliers(self, b: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """mu (count,)."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import fields, replace
+from typing import NamedTuple
 
 import numpy as np
 from netgen.meshing import NetgenGeometry
@@ -260,27 +261,37 @@ def carried_function(
         Points(m, problem.kinematics, problem.order) for m in (problem.mesh, mesh)
     )
     values = nodal(u.vec.FV().NumPy(), problem)
-    share = shares_in_parents(before, after, parents)
-    values = carried_displacements(values, share, before, after, parents)
+    shares = shares_in_parents(before, after, parents)
+    values = carried_displacements(values, shares, before, after, parents)
     found = GridFunction(VectorH1(mesh, order=problem.order), name=u.name)
     found.vec.FV().NumPy()[:] = values.T.ravel()
     return found
 
 
+class Shares(NamedTuple):
+    """The ``cells`` that differ from their parents, and barycentric coordinates of their vertices.
+
+    ``values`` have the shape (cells, ends, ends): the coordinates in the parents.
+    """
+
+    cells: np.ndarray
+    values: np.ndarray
+
+
 def carried_displacements(
-    u: np.ndarray, share: np.ndarray, before: Points, after: Points, parents: np.ndarray
+    u: np.ndarray, shares: Shares, before: Points, after: Points, parents: np.ndarray
 ) -> np.ndarray:
     """The same displacements (nodes, N) on a bisected mesh, from the points of both meshes.
 
-    ``share`` are those of ``shares_in_parents``.
     Affine functions are interpolated by barycentric coordinates in the parents, the quadratic parts
     of displacements of order two by products of these.
     """
     N = before.mesh.dim
     ends = N + 1
-    nodes = after.blocks[0].nodes
-    there = before.blocks[0].nodes[parents]
-    found = np.empty((after.scalar.ndof, N))
+    found = on_whole_cells(u, before, after, parents)
+    nodes = after.blocks[0].nodes[shares.cells]
+    there = before.blocks[0].nodes[parents[shares.cells]]
+    share = shares.values
     corners = np.matmul(share, u[there[:, :ends]])
     if before.order == 2:
         a, b = np.transpose(EDGES[N])
@@ -292,8 +303,17 @@ def carried_displacements(
     return found
 
 
-def shares_in_parents(before: Points, after: Points, parents: np.ndarray) -> np.ndarray:
-    """Barycentric coordinates of the vertices of cells in their parents, (cells, ends, ends)."""
+def on_whole_cells(
+    values: np.ndarray, before: Points, after: Points, parents: np.ndarray
+) -> np.ndarray:
+    """Nodal values (nodes, .) on a bisected mesh, right on cells that are not cut."""
+    found = np.empty((after.scalar.ndof, values.shape[1]))
+    found[after.blocks[0].nodes] = values[before.blocks[0].nodes[parents]]
+    return found
+
+
+def shares_in_parents(before: Points, after: Points, parents: np.ndarray) -> Shares:
+    """Where the vertices of cells that are cut lie in their parents."""
     ends = before.mesh.dim + 1
     known = before.blocks[0].nodes[parents, :ends]
     wanted = after.blocks[0].nodes[:, :ends]
@@ -302,9 +322,7 @@ def shares_in_parents(before: Points, after: Points, parents: np.ndarray) -> np.
     other = np.flatnonzero((known != wanted).any(axis=(1, 2)))
     known = np.insert(known[other], 0, 1.0, axis=2)
     wanted = np.insert(wanted[other], 0, 1.0, axis=2)
-    result = np.tile(np.eye(ends), (len(parents), 1, 1))
-    result[other] = np.matmul(wanted, np.linalg.inv(known))
-    return result
+    return Shares(other, np.matmul(wanted, np.linalg.inv(known)))
 
 
 def carried_state(
@@ -316,13 +334,16 @@ def carried_state(
     ends = problem.N + 1
     before = old.discrete.points
     after = discrete.points
-    there = before.blocks[0].nodes[parents, :ends]
-    share = shares_in_parents(before, after, parents)
-    u = carried_displacements(old.state.u, share, before, after, parents)
+    shares = shares_in_parents(before, after, parents)
+    u = carried_displacements(old.state.u, shares, before, after, parents)
     stress = np.zeros((problem.mesh.nv, 1 + problem.N))
     if len(discrete.contact):
-        known = tractions_at_vertices(old)[there]
-        stress[after.blocks[0].nodes[:, :ends]] = np.matmul(share, known)
+        known = tractions_at_vertices(old)
+        corners = before.blocks[0].nodes[parents, :ends]
+        nodes = after.blocks[0].nodes[:, :ends]
+        stress[nodes] = known[corners]
+        cells, share = shares
+        stress[nodes[cells]] = np.matmul(share, known[corners[cells]])
     contact = forces_of_rows(discrete, stress)
     return discrete.state(np.where(supports.free, u, supports.values), contact=contact)
 

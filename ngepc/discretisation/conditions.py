@@ -290,7 +290,7 @@ def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows
 
     A ValueError if two supports give a node different displacements along one direction.
     """
-    scalar = H1(problem.mesh, order=problem.order)
+    scalar = supports.space.components[0]
     held = {}
     result = {}
     for place, roller in problem.rollers.items():

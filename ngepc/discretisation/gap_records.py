@@ -72,9 +72,11 @@ def _record_type(N: int) -> np.dtype:
     )
 
 
-def facet_records(problem: Problem) -> tuple[np.ndarray, csr_matrix]:
-    """All nodes of all contact facets, and the values there of functions, (records, nodes)."""
-    scalar = H1(problem.mesh, order=problem.order)
+def facet_records(problem: Problem, scalar: FESpace) -> tuple[np.ndarray, csr_matrix]:
+    """All nodes of all contact facets, and the values there of functions, (records, nodes).
+
+    ``scalar`` is the space of one component of the displacement.
+    """
     found = [np.zeros(0, dtype=_record_type(problem.N))]
     means = [csr_matrix((0, scalar.ndof))]
     facets = 0
@@ -147,7 +149,8 @@ def nearer_between_nodes(problem: Problem) -> str:
     """A sentence about rows that are lowered by ``narrow.clear_of``; empty without."""
     if not problem.contact_names:
         return ""
-    lowered = facet_records(problem)[0]["lowered"]
+    scalar = H1(problem.mesh, order=problem.order)
+    lowered = facet_records(problem, scalar)[0]["lowered"]
     most = problem.processes.maximum(lowered)
     if most == 0.0:
         return ""

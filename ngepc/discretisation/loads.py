@@ -32,12 +32,14 @@ from ngsolve import (
     InnerProduct,
     LinearForm,
     Mesh,
+    Projector,
     VectorH1,
     VectorValued,
     ds,
     dx,
 )
 from ngsolve.comp import DifferentialSymbol, ProxyFunction
+from ngsolve.la import CreateVVector
 from scipy.sparse import csr_matrix
 
 from ngepc.checks.arguments import Coefficient
@@ -88,6 +90,14 @@ def displacement_space(problem: Problem) -> FESpace:
         for dof in nodes_at(V.components[axis], place).tolist():
             V.FreeDofs().Clear(V.Range(axis).start + dof)
     return V
+
+
+def free_unknowns(V: FESpace) -> np.ndarray:
+    """Whether no support holds an unknown of a space, as booleans; without a call for each."""
+    ones = CreateVVector(V.ndof)
+    ones[:] = 1.0
+    Projector(V.FreeDofs(), True).Project(ones)
+    return ones.FV().NumPy() != 0
 
 
 def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
@@ -335,7 +345,7 @@ class Supports:
         """``like`` are supports of the same components of the same mesh, or None."""
         self.problem = problem
         self.space = displacement_space(problem) if like is None else like.space
-        free = nodal(np.array(list(self.space.FreeDofs()), dtype=bool), problem)
+        free = nodal(free_unknowns(self.space), problem)
         processes = problem.nodal_processes
         holding = processes.summed((~free).astype(float))
         lift = nodal(

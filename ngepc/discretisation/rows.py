@@ -18,7 +18,6 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from ngsolve import H1
 from scipy.sparse import csr_matrix, diags, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import norm
@@ -220,14 +219,14 @@ def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
 def rows_and_gaps(problem: Problem) -> tuple[ContactRows, RowGaps | None]:
     """All rows, also those that supports hold, and ``RowGaps``; None without contact boundary."""
     if not problem.contact_names:
-        return _no_rows(problem), None
-    own, means = facet_records(problem)
+        return _no_rows(supports), None
+    own, means = facet_records(problem, supports.space.components[0])
     records, means = shared_records(own, means, problem.nodal_processes)
     weights = records["weight"]
     directions = weights[:, None] * records["normal"]
     nodes, sums = meeting_faces(records["node"], records["boundary"], directions)
     if not len(nodes):
-        return _no_rows(problem), None
+        return _no_rows(supports), None
     first = sums.indices[sums.indptr[:-1]]  # one of the corners of each row
     normals = sums @ directions
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -246,10 +245,9 @@ def rows_and_gaps(problem: Problem) -> tuple[ContactRows, RowGaps | None]:
     return rows_along(normals, means, along, **at, gaps=known, weights=area), gaps
 
 
-def _no_rows(problem: Problem) -> ContactRows:
+def _no_rows(supports: Supports) -> ContactRows:
     """The rows of a problem without a contact boundary."""
-    N = problem.N
-    count = H1(problem.mesh, order=problem.order).ndof
+    count, N = supports.free.shape
     none = np.zeros(0)
     return rows_along(
         np.zeros((0, N)),

@@ -14,19 +14,13 @@ from scipy.sparse import bsr_matrix, csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
 from ngepc.linalg.cores import in_order
+from ngepc.linalg.direct import WITHOUT_PIVOTS
 
 SWEEPS = 2
 """Sweeps before and after the coarse correction."""
 
 LARGE = 10_000
 """Unknowns from which on products are split."""
-
-WITHOUT_PIVOTS = {
-    "permc_spec": "MMD_AT_PLUS_A",
-    "diag_pivot_thresh": 0.0,
-    "options": {"SymmetricMode": True},
-}
-"""Options of SuperLU for symmetric positive definite matrices."""
 
 Sweep = Callable[..., None]
 """The compiled loop of Gauss-Seidel's method.

@@ -27,6 +27,14 @@ SOLVER_ERRORS = (NgException, RuntimeError, MemoryError)
 missing or gives up, MemoryError where the fill-in does not fit."""
 
 
+WITHOUT_PIVOTS = {
+    "permc_spec": "MMD_AT_PLUS_A",
+    "diag_pivot_thresh": 0.0,
+    "options": {"SymmetricMode": True},
+}
+"""Options of SuperLU for symmetric positive definite matrices."""
+
+
 class FactorisationError(RuntimeError):
     """A linear solver that gave up on a matrix."""
 
