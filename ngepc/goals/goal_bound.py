@@ -268,7 +268,7 @@ class GoalProblem:
         tangent = Factors(bound_data.discrete, "sparsecholesky")
         state = state_of(bound_data.discrete, result)
         bound, search = bound_and_search(bound_data, state, tangent)
-        self._take(bound_data, bound, tangent, search)
+        self._take(bound_data, bound, tangent, search, result.compliance)
         if parents is not None:
             self._copied = given.problem, parents
         if not is_of_thickness_one(thick):
@@ -314,6 +314,8 @@ class GoalProblem:
         self._thick: Problem | None = None
         self.bound_data = bound_data
         self.bound = bound
+        if compliance is not None:
+            compliance = compliance.copy()  # it learns
         self._adjoints = AdjointProblem(
             bound_data,
             bound.state,

@@ -49,6 +49,14 @@ class Compliance:
         W._matrix += (S + S.T) / 2
         return W
 
+    def __getstate__(self) -> np.ndarray:
+        """W; what it has learned is a guess for others."""
+        return self._matrix
+
+    def __setstate__(self, matrix: np.ndarray) -> None:
+        self._matrix = matrix
+        self.restart()
+
     def __matmul__(self, forces: np.ndarray) -> np.ndarray:
         return self._matrix @ forces
 

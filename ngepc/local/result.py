@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from ngsolve import GridFunction
 
 from ngepc._deprecated import old_names
 from ngepc.discretisation.points import PointFunctions
+from ngepc.linalg.secants import Compliance
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.own import require_same_mesh
 from ngepc.results.result import DiscreteSolution
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class ExactResult(DiscreteSolution):
     """What ``semismooth_newton`` returns without gamma, see ``DiscreteSolution``."""
 
     state: State
-    method_label = "exact"
+    method_label: ClassVar[str] = "exact"
+    compliance: Compliance | None = None
+    """What the solve has learned of the compliance of few contact rows, a guess for adjoints."""
 
     @property
     def discrete(self) -> DiscreteProblem:

@@ -267,11 +267,22 @@ def solve_exactly(
     solver = RepeatedSolver(options)
     discrete = solver.discretised(problem)
     state = starting_state(discrete, start)
-    if start is not None or not gains_by_order_one(discrete):
-        return solver.solve_from(state, monitor)
-    order_one = OrderOne(options)
-    result = solver.solve_from(state, monitor, second=order_one)
-    return replace(result, order_one=order_one.history)
+    learned: list[Compliance] = []
+
+    def compliance() -> Compliance:
+        """The first guess of the compliance of the contact rows, which learns."""
+        learned.append(discrete.compliance())
+        return learned[0]
+
+    order_one = None
+    if start is None and gains_by_order_one(discrete):
+        order_one = OrderOne(options)
+    result = solver.solve_from(state, monitor, compliance, order_one)
+    if order_one is not None:
+        result = replace(result, order_one=order_one.history)
+    if learned and len(discrete.contact) <= FEW_FORCES:
+        result = replace(result, compliance=learned[0])
+    return result
 
 
 def gains_by_order_one(discrete: DiscreteProblem) -> bool:
