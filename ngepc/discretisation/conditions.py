@@ -63,7 +63,7 @@ class ContactConditions:
     def __init__(self, problem: Problem, supports: Supports) -> None:
         pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
         rollers = roller_rows(problem, supports)
-        obstacles, self._row_gaps = rows_and_gaps(problem)
+        obstacles, self._row_gaps = rows_and_gaps(problem, supports.space.components[0])
         self.absent = not (problem.touching_names or rollers)
         self._movable = obstacles.movable(supports.free)
         parts = [obstacles.chosen(self._movable)]

@@ -18,6 +18,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
+from ngsolve import FESpace
 from scipy.sparse import csr_matrix, diags, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import norm
@@ -212,21 +213,26 @@ def meeting_faces(
 
 def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
-    rows = rows_and_gaps(problem)[0]
+    rows = rows_and_gaps(problem, supports.space.components[0])[0]
     return rows.chosen(rows.movable(supports.free))
 
 
-def rows_and_gaps(problem: Problem) -> tuple[ContactRows, RowGaps | None]:
-    """All rows, also those that supports hold, and ``RowGaps``; None without contact boundary."""
+def rows_and_gaps(
+    problem: Problem, scalar: FESpace
+) -> tuple[ContactRows, RowGaps | None]:
+    """All rows, also those that supports hold, and ``RowGaps``; None without contact boundary.
+
+    ``scalar`` is the space of one component of the displacement.
+    """
     if not problem.contact_names:
-        return _no_rows(supports), None
-    own, means = facet_records(problem, supports.space.components[0])
+        return _no_rows(problem.N, scalar.ndof), None
+    own, means = facet_records(problem, scalar)
     records, means = shared_records(own, means, problem.nodal_processes)
     weights = records["weight"]
     directions = weights[:, None] * records["normal"]
     nodes, sums = meeting_faces(records["node"], records["boundary"], directions)
     if not len(nodes):
-        return _no_rows(supports), None
+        return _no_rows(problem.N, scalar.ndof), None
     first = sums.indices[sums.indptr[:-1]]  # one of the corners of each row
     normals = sums @ directions
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -245,9 +251,8 @@ def rows_and_gaps(problem: Problem) -> tuple[ContactRows, RowGaps | None]:
     return rows_along(normals, means, along, **at, gaps=known, weights=area), gaps
 
 
-def _no_rows(supports: Supports) -> ContactRows:
-    """The rows of a problem without a contact boundary."""
-    count, N = supports.free.shape
+def _no_rows(N: int, count: int) -> ContactRows:
+    """The rows of a problem in N dimensions without contact boundary, for a number of nodes."""
     none = np.zeros(0)
     return rows_along(
         np.zeros((0, N)),
