@@ -25,6 +25,7 @@ from ngepc.bounds.polynomials import (
     TO_NODES,
     WEIGHTS,
     coefficients,
+    portions,
     square_integrals,
 )
 from ngepc.discretisation.law import Law
@@ -36,10 +37,12 @@ from ngepc.goals.sub_elements import SubElements
 from ngepc.goals.supremum import PointData, ScaledLaw, Stresses, dots
 from ngepc.goals.supremum_of_laws import NonlinearLaw
 from ngepc.goals.varying import VaryingData, estimated_integrals, integrals
-from ngepc.goals.whole_cells import whole_integrals
+from ngepc.goals.whole_cells import close_enough, whole_integrals
 from ngepc.goals.yielding import mean_of
 from ngepc.local.system import State
 
+AT_ONCE = 2000
+"""Cells that are treated at once."""
 SAMPLED = 1000
 """Cells on which integrals for the choice of lambda are computed; the rest is known from others."""
 
@@ -65,24 +68,17 @@ class Side:
         found = self.law.potential(np.matmul(RULE[k], self.pulled), self.w)
         return self.volume * (found @ WEIGHTS[k]) + self.rest
 
-    def bounds(self, count: int) -> np.ndarray:
-        """Integrals over ``count`` cells from above."""
-        result = np.bincount(self.cell, self.rest, minlength=count)
-        parts = len(self.cell) // count
+    def of_whole_cells(self, parts: int) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals of Phi over the cells from above, and estimates, see ``whole_cells``.
+
+        All ``parts`` of a cell stand together.
+        """
         first = np.s_[::parts]
-        pulled = self.pulled.reshape(count, parts, *self.pulled.shape[1:])
+        pulled = self.pulled.reshape(-1, parts, *self.pulled.shape[1:])
         law = self.law.of_points(first)
-        volume = parts * self.volume[first]
-        whole = whole_integrals(law, pulled, self.w[first, 0], volume, result)
-        known = np.isfinite(whole)
-        result[known] += whole[known]
-        left = np.flatnonzero(~known[self.cell])
-        of_parts = self.volume[left], self.cell[left]
-        law = self.law.of_points(left)
-        found = potential_integrals(
-            law, self.pulled[left], self.w[left], of_parts, result
+        return whole_integrals(
+            law, pulled, self.w[first, 0], parts * self.volume[first]
         )
-        return np.maximum(found, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,9 +140,29 @@ class Integrand:
         """Integrals over the cells for tau and for -tau, from above."""
         count = int(self.cell.max()) + 1
         above, below = self.on_boundary.parts(factor, count)
-        above = above + self.side(1.0, factor).bounds(count)
-        below = below + self.side(-1.0, factor).bounds(count)
+        above = above + self._integrals(1.0, factor, count)
+        below = below + self._integrals(-1.0, factor, count)
         return above, below
+
+    def _integrals(self, sign: float, factor: float, count: int) -> np.ndarray:
+        """Integrals over the cells for one sign, those of whole cells where they are close."""
+        parts = len(self.cell) // count
+        rest = np.empty(count)
+        whole = np.empty(count)
+        estimate = np.empty(count)
+        for cells in portions(count, AT_ONCE):
+            side = self.side(
+                sign, factor, slice(parts * cells.start, parts * cells.stop)
+            )
+            rest[cells] = side.rest.reshape(-1, parts).sum(axis=1)
+            whole[cells], estimate[cells] = side.of_whole_cells(parts)
+        close = close_enough(whole, estimate, rest)
+        result = np.where(close, rest + whole, rest)
+        left = np.flatnonzero(~close[self.cell])
+        side = self.side(sign, factor, left)
+        of_parts = side.volume, side.cell
+        found = potential_integrals(side.law, side.pulled, side.w, of_parts, result)
+        return np.maximum(found, 0.0)
 
 
 def sampled(per_cell: np.ndarray, parts: int) -> tuple[np.ndarray, np.ndarray]:
@@ -237,8 +253,14 @@ class BoundPart:
 
     def stress(self, adjoint: Adjoint) -> np.ndarray:
         """Mean and deviator of the stress of an adjoint, (cells, nodes, 1 + d)."""
+        return self._stress(adjoint, self.strain(adjoint))
+
+    def _stress(
+        self, adjoint: Adjoint, strain: tuple[np.ndarray, np.ndarray]
+    ) -> np.ndarray:
+        """The same from the strain of the adjoint."""
         bound_data = self._bound_data
-        wanted = np.column_stack(self._closed.stress(*self.strain(adjoint)))
+        wanted = np.column_stack(self._closed.stress(*strain))
         wanted = bound_data.on_parts(wanted, TO_NODES)
         law = bound_data.discrete.law
         return completed_near(adjoint.stress, wanted, law, bound_data.each)
@@ -265,7 +287,7 @@ class BoundPart:
         bound_data = self._bound_data
         volume, owner = self._parts
         trace, deviator = self.strain(adjoint)
-        tau = self._on_parts(self.stress(adjoint))
+        tau = self._on_parts(self._stress(adjoint, (trace, deviator)))
         rest = self._opened, self._sample, self._on_boundary(adjoint)
         law = bound_data.discrete.law
         if isinstance(law, OverlayLaw):

@@ -27,7 +27,7 @@ from functools import reduce
 
 import numpy as np
 
-from ngepc.bounds.polynomials import portions, worth_keeping
+from ngepc.bounds.polynomials import worth_keeping
 from ngepc.goals.supremum import ScaledLaw
 from ngepc.goals.supremum_of_laws import NonlinearLaw
 from ngepc.goals.yielding import (
@@ -41,8 +41,6 @@ from ngepc.goals.yielding import (
 
 WORTH = 0.004
 """What these means may exceed the integrals by, as a part of the integral of the supremum."""
-AT_ONCE = 2000
-"""Cells that are treated at once."""
 
 
 class Spread:
@@ -139,29 +137,30 @@ def yielding_cells(
 
 
 def whole_integrals(
-    law: ScaledLaw | NonlinearLaw,
-    pulled: np.ndarray,
-    w: np.ndarray,
-    volume: np.ndarray,
-    rest: np.ndarray,
-) -> np.ndarray:
-    """Integrals of Phi over cells from above where that is close, infinite elsewhere, (cells,).
+    law: ScaledLaw | NonlinearLaw, pulled: np.ndarray, w: np.ndarray, volume: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals of Phi over cells: upper bounds and estimates, (cells,); infinite where none is.
 
     ``law`` and ``w`` (cells, d) are those of the cells, ``pulled`` (cells, parts, k, d)
-    coefficients of q/(2 mu_2), ``rest`` what is added to the integrals.  Nonlinear laws have none.
+    coefficients of q/(2 mu_2).  Nonlinear laws have none.
     """
-    count = len(pulled)
-    bound = np.full(count, np.inf)
     if isinstance(law, NonlinearLaw):
-        return bound
-    gain = bound.copy()
-    total = 0.0
-    for cells in portions(count, AT_ONCE):
-        values = np.ascontiguousarray(pulled[cells].transpose(3, 1, 2, 0))
-        means = whole_means(law.of_points(cells), Spread(values), w[cells].T)
-        found, estimate = (mean * volume[cells] for mean in means)
-        finite = np.isfinite(found)
-        bound[cells] = found
-        gain[cells][finite] = found[finite] - estimate[finite]
-        total += float((rest[cells] + estimate)[finite].sum())
-    return np.where(worth_keeping(gain, WORTH * total), bound, np.inf)
+        none = np.full(len(pulled), np.inf)
+        return none, none
+    values = np.ascontiguousarray(pulled.transpose(3, 1, 2, 0))
+    bound, estimate = whole_means(law, Spread(values), w.T)
+    return volume * bound, volume * estimate
+
+
+def close_enough(
+    bound: np.ndarray, estimate: np.ndarray, rest: np.ndarray
+) -> np.ndarray:
+    """Whether integrals over whole cells (cells,) are taken, with a ``rest`` added to them.
+
+    Together they exceed the estimates by a small part of the integral of the supremum.
+    """
+    finite = np.isfinite(bound)
+    gain = np.where(finite, bound, np.inf)
+    gain[finite] -= estimate[finite]
+    total = float((rest + estimate)[finite].sum())
+    return finite & worth_keeping(gain, WORTH * total)

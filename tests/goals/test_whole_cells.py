@@ -110,8 +110,8 @@ def test_intervals_contain_those_by_parts_and_are_hardly_wider(goal, monkeypatch
     result = semismooth_newton(bounded_example("lshape", "uniform", 1601))
     fast = goal_bound(result, goal)
 
-    def none(law, pulled, w, volume, rest):
-        return np.full(len(pulled), np.inf)
+    def none(law, pulled, w, volume):
+        return np.full((2, len(pulled)), np.inf)
 
     monkeypatch.setattr(integrand, "whole_integrals", none)
     plain = goal_bound(result, goal)
