@@ -46,7 +46,7 @@ from ngepc.checks.sentences import interval_in_words
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint import Adjoint, AdjointProblem, Start
 from ngepc.goals.goal_terms import GoalTerms, terms_of
-from ngepc.goals.integrand import BoundPart, Integrand, VaryingIntegrand
+from ngepc.goals.integrand import BoundPart, Integrand
 from ngepc.goals.resultant import largest_resultant
 from ngepc.goals.sub_elements import SubElements
 from ngepc.linalg.blas import one_blas_thread
@@ -509,7 +509,7 @@ class Candidate:
     """An adjoint, the best lambda for it, and an estimate of the width of the interval."""
 
     adjoint: Adjoint
-    integrand: Integrand | VaryingIntegrand | SubElements
+    integrand: Integrand | SubElements
     factor: float
     width: float
 

@@ -12,157 +12,64 @@ For order two strains are affine too: ``ngepc.goals.varying``.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
 from ngepc.bounds.bound import ErrorBound
 from ngepc.bounds.conjugate import R6, THIN
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.polynomials import (
-    NODES,
-    RULE,
-    TO_NODES,
-    WEIGHTS,
-    coefficients,
-    portions,
-    square_integrals,
-)
+from ngepc.bounds.polynomials import NODES, TO_NODES, coefficients
+from ngepc.bounds.simplices import stored_by_cells
 from ngepc.discretisation.law import Law
 from ngepc.discretisation.overlay_law import OverlayLaw
 from ngepc.goals.adjoint import Adjoint
-from ngepc.goals.cutting import potential_integrals
 from ngepc.goals.goal_boundary import BoundaryTerms, FrictionTerms, SpringSquares
+from ngepc.goals.sides import LawOnParts, ResultOnParts, Sides
 from ngepc.goals.sub_elements import SubElements
-from ngepc.goals.supremum import PointData, ScaledLaw, Stresses, dots
-from ngepc.goals.supremum_of_laws import NonlinearLaw
-from ngepc.goals.varying import VaryingData, estimated_integrals, integrals
-from ngepc.goals.whole_cells import close_enough, whole_integrals
-from ngepc.goals.yielding import mean_of
+from ngepc.goals.varying import VaryingData, half_root, sides_of
+from ngepc.goals.yielding import dots
 from ngepc.local.system import State
 
-AT_ONCE = 2000
-"""Cells that are treated at once."""
 SAMPLED = 1000
 """Cells on which integrals for the choice of lambda are computed; the rest is known from others."""
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
-    """What the supremum of one sign and one lambda is made of, on parts of cells.
-
-    ``pulled`` (parts, k, d) are q/(2 mu_2), ``w`` (parts, 1, d) and ``law`` those of ``supremum``;
-    ``rest`` (parts,) is the integral of all but Phi over each part.
-    """
-
-    pulled: np.ndarray
-    w: np.ndarray
-    law: ScaledLaw | NonlinearLaw
-    rest: np.ndarray
-    volume: np.ndarray
-    cell: np.ndarray
-
-    def estimate(self) -> np.ndarray:
-        """Integrals over the parts by a rule, (parts,)."""
-        k = self.pulled.shape[1]
-        found = self.law.potential(np.matmul(RULE[k], self.pulled), self.w)
-        return self.volume * (found @ WEIGHTS[k]) + self.rest
-
-    def of_whole_cells(self, parts: int) -> tuple[np.ndarray, np.ndarray]:
-        """Integrals of Phi over the cells from above, and estimates, see ``whole_cells``.
-
-        All ``parts`` of a cell stand together.
-        """
-        first = np.s_[::parts]
-        pulled = self.pulled.reshape(-1, parts, *self.pulled.shape[1:])
-        law = self.law.of_points(first)
-        return whole_integrals(
-            law, pulled, self.w[first, 0], parts * self.volume[first]
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class Integrand:
-    """The supremum over the parts of the cells.
+    """The supremum over the ``cells``.
 
-    ``tau`` and ``sigma`` (parts, k, 1 + d) are coefficients of stresses on the parts: mean, then
-    deviator; ``data`` and ``strain`` are constant on each part; ``cell`` and ``volume``
-    (parts,) say where a part is; ``opened`` is int P^ gap_h, ``residual`` minus the integral of
-    s(eps_h) : eps(z); ``sample`` are parts for the choice of lambda and how many each stands for;
-    ``on_boundary`` are the parts of foundations and friction.
+    ``opened`` is int P^ gap_h, ``residual`` minus the integral of s(eps_h) : eps(z); ``sample`` are
+    parts for the choice of lambda and how many each stands for; ``on_boundary`` are the parts of
+    foundations and friction.
     """
 
-    tau: np.ndarray
-    sigma: np.ndarray
-    data: PointData
-    strain: Stresses
-    cell: np.ndarray
-    volume: np.ndarray
+    sides: Sides
+    cells: int
     residual: float
     opened: float
     sample: tuple[np.ndarray, np.ndarray]
     on_boundary: BoundaryTerms
 
-    def side(
-        self, sign: float, factor: float, chosen: slice | np.ndarray = slice(None)
-    ) -> Side:
-        """What the supremum is made of for a sign and lambda, on some of the parts."""
-        data = self.data.of(chosen)
-        strain = self.strain.of(chosen)
-        tau = sign * self.tau[chosen]
-        sigma = self.sigma[chosen]
-        volume = self.volume[chosen]
-        two_mu = data.two_mu[:, None]
-        e = sign * strain.deviator
-        pulled = tau[..., 1:] + factor * (sigma[..., 1:] - data.back[:, None])
-        pulled /= two_mu[:, None]
-        w = factor / two_mu * data.trial - e
-
-        # the part by mean stresses is a square
-        own = data.bulk * (sign * strain.mean + factor * data.volume)
-        mean = tau[..., 0] + factor * sigma[..., 0] - own[:, None]
-        rest = square_integrals(mean[..., None], volume) / (4 * factor * data.bulk)
-        middle = mean_of(pulled.swapaxes(0, 1))
-        affine = dots(data.stress - data.back, e) - dots(middle, data.trial)
-        rest += volume * affine
-        law = law_at(data, factor)
-        return Side(pulled, w[:, None], law, rest, volume, self.cell[chosen])
+    @cached_property
+    def _sampled(self) -> Sides:
+        """The supremum on some of the cells."""
+        return self.sides.of(self.sample[0])
 
     def estimate(self, factor: float) -> float:
         """About the width for a factor, by a rule on some of the cells."""
-        rows, weights = self.sample
+        weights = self.sample[1]
         total = 2 * factor * self.opened + self.on_boundary.width(factor)
         for sign in (1.0, -1.0):
-            total += float(self.side(sign, factor, rows).estimate() @ weights)
+            total += float(self._sampled.estimate(sign, factor) @ weights)
         return total
 
     def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
         """Integrals over the cells for tau and for -tau, from above."""
-        count = int(self.cell.max()) + 1
-        above, below = self.on_boundary.parts(factor, count)
-        above = above + self._integrals(1.0, factor, count)
-        below = below + self._integrals(-1.0, factor, count)
+        above, below = self.on_boundary.parts(factor, self.cells)
+        above = above + self.sides.integrals(1.0, factor, self.cells)
+        below = below + self.sides.integrals(-1.0, factor, self.cells)
         return above, below
-
-    def _integrals(self, sign: float, factor: float, count: int) -> np.ndarray:
-        """Integrals over the cells for one sign, those of whole cells where they are close."""
-        parts = len(self.cell) // count
-        rest = np.empty(count)
-        whole = np.empty(count)
-        estimate = np.empty(count)
-        for cells in portions(count, AT_ONCE):
-            side = self.side(
-                sign, factor, slice(parts * cells.start, parts * cells.stop)
-            )
-            rest[cells] = side.rest.reshape(-1, parts).sum(axis=1)
-            whole[cells], estimate[cells] = side.of_whole_cells(parts)
-        close = close_enough(whole, estimate, rest)
-        result = np.where(close, rest + whole, rest)
-        left = np.flatnonzero(~close[self.cell])
-        side = self.side(sign, factor, left)
-        of_parts = side.volume, side.cell
-        found = potential_integrals(side.law, side.pulled, side.w, of_parts, result)
-        return np.maximum(found, 0.0)
 
 
 def sampled(per_cell: np.ndarray, parts: int) -> tuple[np.ndarray, np.ndarray]:
@@ -180,34 +87,6 @@ def sampled(per_cell: np.ndarray, parts: int) -> tuple[np.ndarray, np.ndarray]:
     weights = np.append(np.ones(len(first)), np.full(len(few), share))
     rows = (parts * cells[:, None] + np.arange(parts)).ravel()
     return rows, np.repeat(weights, parts)
-
-
-@dataclass(frozen=True, eq=False)
-class VaryingIntegrand:
-    """``Integrand`` for displacements of order two, whose strains vary on the cells."""
-
-    data: VaryingData
-    cells: int
-    residual: float
-    opened: float
-    sample: tuple[np.ndarray, np.ndarray]
-    on_boundary: BoundaryTerms
-
-    def estimate(self, factor: float) -> float:
-        """About the width for a factor, by a rule on some of the cells."""
-        rows, weights = self.sample
-        some = self.data.of(rows)
-        total = 2 * factor * self.opened + self.on_boundary.width(factor)
-        for data in (some, some.turned()):
-            total += float(estimated_integrals(data, factor) @ weights)
-        return total
-
-    def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
-        """Integrals over the cells for tau and for -tau, from above."""
-        above, below = self.on_boundary.parts(factor, self.cells)
-        above = above + integrals(self.data, factor, self.cells)
-        below = below + integrals(self.data.turned(), factor, self.cells)
-        return above, below
 
 
 class BoundPart:
@@ -231,10 +110,10 @@ class BoundPart:
         self._parts = volume, owner
         self._sample = sampled(bound.per_cell, parts)
         self._sprung = bound_data.foundation.apart(state.u, bound.sprung)
-        self._data: Any = None
         overlay = isinstance(bound_data.discrete.law, OverlayLaw)
-        if bound_data.each == 1 and not overlay:
-            self._data = point_data(bound_data, state, parts)
+        self._constant = bound_data.each == 1 and not overlay
+        if self._constant:
+            self._result = constant_result(bound_data, state, self._sigma, self._parts)
 
     def _on_parts(self, stress: np.ndarray) -> np.ndarray:
         """Coefficients on the parts of stresses at the nodes, (parts, k, 1 + d)."""
@@ -282,64 +161,78 @@ class BoundPart:
         )
         return BoundaryTerms(springs, friction)
 
-    def integrand(self, adjoint: Adjoint) -> Integrand | VaryingIntegrand | SubElements:
+    def integrand(self, adjoint: Adjoint) -> Integrand | SubElements:
         """The supremum for an adjoint."""
         bound_data = self._bound_data
-        volume, owner = self._parts
+        volume, _ = self._parts
         trace, deviator = self.strain(adjoint)
         tau = self._on_parts(self._stress(adjoint, (trace, deviator)))
         rest = self._opened, self._sample, self._on_boundary(adjoint)
+        if self._constant:
+            sides = self._constant_sides(tau, trace, deviator)
+            residual = -float(self._works(trace, deviator) @ bound_data.cells.volume)
+            return Integrand(sides, self._cells, residual, *rest)
         law = bound_data.discrete.law
+        stresses = tau, self._sigma
+        strain = trace[:, None], deviator
         if isinstance(law, OverlayLaw):
-            stresses = tau, self._sigma
-            strain = trace[:, None], deviator
             elements = sub_elements(
                 bound_data, self._state, stresses, strain, self._parts
             )
             residual = -float(sum(one.work() @ volume for one in elements))
             of_cells = law.of(np.s_[:: bound_data.each])
             return SubElements(elements, of_cells, self._cells, residual, *rest)
-        if bound_data.each > 1:
-            stresses = tau, self._sigma
-            strain = trace[:, None], deviator
-            data = varying_data(bound_data, self._state, stresses, strain, self._parts)
-            residual = -float(data.work() @ volume)
-            return VaryingIntegrand(data, self._cells, residual, *rest)
-        count = len(volume) // self._cells
-        strain = Stresses(np.repeat(trace, count), np.repeat(deviator, count, axis=0))
-        residual = -float(_work(self._data, strain) @ volume)
-        fields = tau, self._sigma, self._data, strain, owner, volume
-        return Integrand(*fields, residual, *rest)
+        data = varying_data(bound_data, self._state, stresses, strain, self._parts)
+        residual = -float(data.work() @ volume)
+        return Integrand(sides_of(data), self._cells, residual, *rest)
+
+    def _constant_sides(
+        self, tau: np.ndarray, trace: np.ndarray, deviator: np.ndarray
+    ) -> Sides:
+        """The supremum for strains that are constant on the cells."""
+        law = self._bound_data.discrete.law
+        owner = self._result.owner
+        _, stress = law.stress(self._state.at)
+        kept = dots(stress - law.back, deviator)
+        two_mu = self._result.law.two_mu[:, None, None]
+        own_mean = (law.bulk * trace)[owner, None]
+        mean = (tau[..., 0] - own_mean) * half_root(law.bulk)[owner, None]
+        coefficients = stored_by_cells(tau[..., 1:]) / two_mu
+        strain = deviator[owner, None]
+        return Sides.of_adjoint(self._result, coefficients, strain, mean, kept[owner])
+
+    def _works(self, trace: np.ndarray, deviator: np.ndarray) -> np.ndarray:
+        """s(eps_h) : eps(z) on the cells, (cells,)."""
+        mean, stress = self._bound_data.discrete.law.stress(self._state.at)
+        return mean * trace + dots(stress, deviator)
 
 
-def _work(data: PointData, strain: Stresses) -> np.ndarray:
-    """s(eps_h) : eps(z) at points."""
-    work = data.bulk * data.volume * strain.mean
-    return work + np.einsum("nd,nd->n", data.stress, strain.deviator)
+def constant_result(
+    bound_data: BoundData,
+    state: State,
+    sigma: np.ndarray,
+    parts: tuple[np.ndarray, np.ndarray],
+) -> ResultOnParts:
+    """What goals share for strains that are constant on the cells, order one.
 
-
-def point_data(bound_data: BoundData, state: State, parts: int) -> PointData:
-    """Law and state for each part of each cell, order one."""
+    ``sigma`` (parts, k, 1 + d) are coefficients of sigma^, ``parts`` sizes and cells.
+    """
     law = bound_data.discrete.law
-
-    def spread(values: np.ndarray) -> np.ndarray:
-        """The same for all parts of a cell."""
-        return np.repeat(np.asarray(values), parts, axis=0)
-
-    _, stress = law.stress(state.at)
-    values = law.bulk, law.two_mu, law.hardening, law.beta, state.volume, state.at.trial
-    arrays = map(spread, (*values, law.back, stress))
-    if law.resistance.is_constant:
-        return PointData(*arrays)
-    every = np.repeat(np.arange(len(state.volume)), parts)
-    return PointData(*arrays, resistance=law.resistance.of(every))
-
-
-def law_at(data: PointData, factor: float) -> ScaledLaw | NonlinearLaw:
-    """What Phi depends on at points, for lambda."""
-    if data.resistance is None:
-        return ScaledLaw.of(data.two_mu, data.hardening, data.beta, factor)
-    return NonlinearLaw(data.resistance, data.two_mu, data.hardening, factor)
+    size, owner = parts
+    two_mu = law.two_mu[owner, None, None]
+    resistance = None
+    if not law.resistance.is_constant:
+        resistance = law.resistance.of(owner)
+    numbers = (law.two_mu[owner], law.hardening[owner], law.beta[owner])
+    own_mean = (law.bulk * state.volume)[owner, None]
+    return ResultOnParts(
+        sigma=stored_by_cells(sigma[..., 1:] - law.back[owner, None]) / two_mu,
+        trial=(state.at.trial / law.two_mu[:, None])[owner, None],
+        mean=(sigma[..., 0] - own_mean) * half_root(law.bulk)[owner, None],
+        law=LawOnParts(*numbers, resistance),
+        size=size,
+        owner=owner,
+    )
 
 
 def coefficients_on_parts(

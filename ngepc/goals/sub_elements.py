@@ -18,7 +18,7 @@ import numpy as np
 
 from ngepc.discretisation.overlay_law import OverlayLaw
 from ngepc.goals.goal_boundary import BoundaryTerms
-from ngepc.goals.varying import VaryingData, estimated_integrals, integrals
+from ngepc.goals.varying import VaryingData, sides_of
 
 INSIDE = 1 - 1e-12
 """Stresses that yield are shortened by this factor: beyond the bound the supremum is infinite."""
@@ -62,16 +62,16 @@ class SubElements:
         total = 2 * factor * self.opened + self.on_boundary.width(factor)
         for sign in (1.0, -1.0):
             for data in self.split(sign, factor, rows):
-                total += float(estimated_integrals(data, factor) @ weights)
+                total += float(sides_of(data).estimate(1.0, factor) @ weights)
         return total
 
     def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
         """Integrals over the cells for tau and for -tau, from above."""
         above, below = self.on_boundary.parts(factor, self.cells)
         for data in self.split(1.0, factor):
-            above = above + integrals(data, factor, self.cells)
+            above = above + sides_of(data).integrals(1.0, factor, self.cells)
         for data in self.split(-1.0, factor):
-            below = below + integrals(data, factor, self.cells)
+            below = below + sides_of(data).integrals(1.0, factor, self.cells)
         return above, below
 
 

@@ -43,7 +43,6 @@ import numpy as np
 
 from ngepc.bounds.polynomials import portions, square_integrals
 from ngepc.bounds.simplices import sliced
-from ngepc.discretisation.resistance import Resistance
 from ngepc.goals.yielding import YieldLaw, dots, largest_of, products, yielding_means
 
 ANGLES = 12
@@ -53,63 +52,12 @@ FLAT = 1e-6
 TINY = np.finfo(float).tiny
 
 
-@dataclass(frozen=True, eq=False)
-class PointData:
-    """Data of the supremum at points, arrays of shape (n,) and (n, d).
-
-    ``bulk``, ``two_mu``, ``hardening`` and ``beta`` are the law's; ``volume`` tr eps_h, ``trial``
-    s, ``back`` dev alpha_0 and ``stress`` the deviatoric stress s(eps_h).  ``resistance`` is that
-    of a nonlinear law, None for linear hardening.
-    """
-
-    bulk: np.ndarray
-    two_mu: np.ndarray
-    hardening: np.ndarray
-    beta: np.ndarray
-    volume: np.ndarray
-    trial: np.ndarray
-    back: np.ndarray
-    stress: np.ndarray
-    resistance: Resistance | None = None
-
-    def of(self, chosen: slice | np.ndarray) -> PointData:
-        """The data at some of the points."""
-        arrays = {k: v for k, v in vars(self).items() if k != "resistance"}
-        own = None if self.resistance is None else self.resistance.of(chosen)
-        return PointData(**{k: v[chosen] for k, v in arrays.items()}, resistance=own)
-
-
 def kept_part(
-    trial: np.ndarray, two_mu: np.ndarray, hardening: np.ndarray, beta: np.ndarray
+    size: np.ndarray, two_mu: np.ndarray, hardening: np.ndarray, beta: np.ndarray
 ) -> np.ndarray:
-    """Ratio of the stress after radial return to the trial stress, (n,)."""
-    size = np.sqrt(dots(trial, trial))
+    """Ratio of the stress after radial return to a trial stress of this size, same shape."""
     share = np.minimum(beta / np.maximum(size, TINY), 1.0)
     return (hardening + two_mu * share) / (two_mu + hardening)
-
-
-@dataclass(frozen=True, eq=False)
-class Stresses:
-    """Stresses and strains at points: means (n,) and deviators (n, d)."""
-
-    mean: np.ndarray
-    deviator: np.ndarray
-
-    def of(self, chosen: slice | np.ndarray) -> Stresses:
-        """Those at some of the points."""
-        return Stresses(self.mean[chosen], self.deviator[chosen])
-
-    def __neg__(self) -> Stresses:
-        return Stresses(-self.mean, -self.deviator)
-
-
-def mean_part(
-    at: PointData, tau: Stresses, sigma: Stresses, strain: Stresses, factor: float
-) -> np.ndarray:
-    """The supremum over tr e, a quadratic function of the data, (n,)."""
-    own = at.bulk * at.volume
-    pulled = tau.mean - at.bulk * strain.mean + factor * (sigma.mean - own)
-    return pulled**2 / (4 * factor * at.bulk)
 
 
 @dataclass(frozen=True, eq=False)

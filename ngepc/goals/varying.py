@@ -19,16 +19,10 @@ import numpy as np
 
 from ngepc.bounds.polynomials import RULE, SPLIT, WEIGHTS
 from ngepc.discretisation.resistance import Resistance
-from ngepc.goals.cutting import on_child_parts, potential_integrals
-from ngepc.goals.supremum import (
-    PointData,
-    ScaledLaw,
-    Stresses,
-    dots,
-    kept_part,
-    mean_part,
-)
-from ngepc.goals.supremum_of_laws import NonlinearLaw
+from ngepc.goals.cutting import on_child_parts
+from ngepc.goals.sides import LawOnParts, ResultOnParts, Sides, mean_products
+from ngepc.goals.supremum import kept_part
+from ngepc.goals.yielding import dots
 
 NAMES = ("tau", "sigma", "volume", "trial", "back", "trace", "strain")
 
@@ -89,109 +83,48 @@ class VaryingData:
         """The data for the negative goal."""
         return replace(self, tau=-self.tau, trace=-self.trace, strain=-self.strain)
 
-    def work(self) -> np.ndarray:
-        """The means of eps(z) : s(eps_h) over the parts, by the rule of ``integrals``."""
-        at = self.at(RULE[self.k])
-        data = at.data
-        work = data.bulk * data.volume * at.strain.mean
-        work += dots(data.stress, at.strain.deviator)
-        return at.shaped(work) @ WEIGHTS[self.k]
+    def kept_work(self) -> np.ndarray:
+        """Means of (s(eps_h) - dev alpha_0) : dev eps(z) over the parts by the rule.
 
-    def at(self, table: np.ndarray) -> Sampled:
-        """The data at the points of a table (points, k)."""
-        points = len(table)
-        values = {}
-        for name in NAMES:
-            coefficients = getattr(self, name)
-            at_points = np.matmul(table, coefficients)
-            values[name] = at_points.reshape(-1, coefficients.shape[2])
-        law = {name: np.repeat(value, points) for name, value in self.law.items()}
-        trial = values["trial"]
-        kept = kept_part(trial, law["two_mu"], law["hardening"], law["beta"])
-        data = PointData(
-            **law,
-            volume=values["volume"][:, 0],
-            trial=trial,
-            back=values["back"],
-            stress=kept[:, None] * trial + values["back"],
-        )
-        tau = Stresses(values["tau"][:, 0], values["tau"][:, 1:])
-        sigma = Stresses(values["sigma"][:, 0], values["sigma"][:, 1:])
-        strain = Stresses(values["trace"][:, 0], values["strain"])
-        return Sampled(data, tau, sigma, strain, points)
-
-
-@dataclass(frozen=True, eq=False)
-class Sampled:
-    """The data at ``points`` points of each part."""
-
-    data: PointData
-    tau: Stresses
-    sigma: Stresses
-    strain: Stresses
-    points: int
-
-    def shaped(self, values: np.ndarray) -> np.ndarray:
-        """Values at the points by parts, (parts, points)."""
-        return values.reshape(-1, self.points)
-
-    def means(self, factor: float) -> np.ndarray:
-        """The part of the supremum by mean stresses."""
-        found = mean_part(self.data, self.tau, self.sigma, self.strain, factor)
-        return self.shaped(found)
-
-    def pulled(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
-        """q/(2 mu_2) and w of ``supremum``, (parts, points, d)."""
-        data = self.data
-        two_mu = data.two_mu[:, None]
-        q = self.tau.deviator + factor * (self.sigma.deviator - data.back)
-        w = factor / two_mu * data.trial - self.strain.deviator
-        shape = (-1, self.points, q.shape[1])
-        return (q / two_mu).reshape(shape), w.reshape(shape)
+        The stress is that of linear hardening for every law.
+        """
+        trial = self._at_rule("trial")
+        size = np.sqrt(dots(trial, trial))
+        law = {name: value[:, None] for name, value in self.law.items()}
+        kept = kept_part(size, law["two_mu"], law["hardening"], law["beta"])
+        return (kept * dots(trial, self._at_rule("strain"))) @ WEIGHTS[self.k]
 
     def work(self) -> np.ndarray:
-        """The deviatoric part of eps(z) : (s(eps_h) - alpha_0)."""
-        own = self.data.stress - self.data.back
-        return self.shaped(dots(own, self.strain.deviator))
+        """The means of eps(z) : s(eps_h) over the parts, by the same rule."""
+        volume = self.law["bulk"] * mean_products(self.volume, self.trace)
+        return volume + self.kept_work() + mean_products(self.back, self.strain)
 
-    def trials(self) -> np.ndarray:
-        """S, the trial stress at eps_h, (parts, points, d)."""
-        trial = self.data.trial
-        return trial.reshape(-1, self.points, trial.shape[1])
-
-
-def _at_rule(data: VaryingData, factor: float) -> tuple[np.ndarray, ...]:
-    """Integrals of all but Phi over the parts, and q/(2 mu_2) and w at the points of the rule."""
-    k = data.k
-    at = data.at(RULE[k])
-    pulled, w = at.pulled(factor)
-    rest = at.means(factor) + at.work() - dots(pulled, at.trials())
-    return data.size * (rest @ WEIGHTS[k]), pulled, w
+    def _at_rule(self, name: str) -> np.ndarray:
+        """Values at the points of the rule, (parts, points, .)."""
+        return np.matmul(RULE[self.k], getattr(self, name))
 
 
-def scaled_law(data: VaryingData, factor: float) -> ScaledLaw | NonlinearLaw:
-    """The law and lambda on the parts."""
-    law = data.law
-    if data.resistance is not None:
-        moduli = law["two_mu"], law["hardening"]
-        return NonlinearLaw(data.resistance, *moduli, factor)
-    return ScaledLaw.of(law["two_mu"], law["hardening"], law["beta"], factor)
+def half_root(bulk: np.ndarray) -> np.ndarray:
+    """1/(2 K^(1/2)), the factor of mean stresses in ``sides``."""
+    return 1 / (2 * np.sqrt(bulk))
 
 
-def estimated_integrals(data: VaryingData, factor: float) -> np.ndarray:
-    """The integrals of the supremum over the parts by a rule."""
-    rest, pulled, w = _at_rule(data, factor)
-    found = scaled_law(data, factor).potential(pulled, w)
-    return data.size * (found @ WEIGHTS[data.k]) + rest
-
-
-def integrals(data: VaryingData, factor: float, count: int) -> np.ndarray:
-    """Upper bounds of the integrals over ``count`` cells.
-
-    For the integral of eps(z) : s(eps_h) they use the rule of ``RULE``.
-    """
-    rest, *_ = _at_rule(data, factor)
-    rest = np.bincount(data.owner, rest, minlength=count)
-    pulled, w = data.at(np.eye(data.k)).pulled(factor)
-    law = scaled_law(data, factor)
-    return potential_integrals(law, pulled, w, (data.size, data.owner), rest)
+def sides_of(data: VaryingData) -> Sides:
+    """The supremum for both signs and every lambda."""
+    law = LawOnParts(
+        data.law["two_mu"], data.law["hardening"], data.law["beta"], data.resistance
+    )
+    two_mu = law.two_mu[:, None, None]
+    bulk = data.law["bulk"][:, None]
+    half = half_root(bulk)
+    result = ResultOnParts(
+        sigma=(data.sigma[..., 1:] - data.back) / two_mu,
+        trial=data.trial / two_mu,
+        mean=half * (data.sigma[..., 0] - bulk * data.volume[..., 0]),
+        law=law,
+        size=data.size,
+        owner=data.owner,
+    )
+    mean = half * (data.tau[..., 0] - bulk * data.trace[..., 0])
+    tau = data.tau[..., 1:] / two_mu
+    return Sides.of_adjoint(result, tau, data.strain, mean, data.kept_work())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Annotated
 
 import numpy as np
@@ -267,21 +267,16 @@ def solve_exactly(
     solver = RepeatedSolver(options)
     discrete = solver.discretised(problem)
     state = starting_state(discrete, start)
-    learned: list[Compliance] = []
-
-    def compliance() -> Compliance:
-        """The first guess of the compliance of the contact rows, which learns."""
-        learned.append(discrete.compliance())
-        return learned[0]
-
+    compliance = cache(discrete.compliance)
     order_one = None
     if start is None and gains_by_order_one(discrete):
         order_one = OrderOne(options)
     result = solver.solve_from(state, monitor, compliance, order_one)
     if order_one is not None:
         result = replace(result, order_one=order_one.history)
+    learned = compliance.cache_info().currsize > 0
     if learned and len(discrete.contact) <= FEW_FORCES:
-        result = replace(result, compliance=learned[0])
+        result = replace(result, compliance=compliance())
     return result
 
 

@@ -1,6 +1,7 @@
 """Intervals of goals: the supremum against random strains, and fine values inside."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -26,7 +27,8 @@ from ngepc.geometries import block
 from ngepc.goals.adjoint import AdjointProblem
 from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.goal_terms import terms_of
-from ngepc.goals.supremum import PointData, ScaledLaw, Stresses, dots, mean_part
+from ngepc.goals.sides import LawOnParts, ResultOnParts, Sides
+from ngepc.goals.yielding import dots
 from ngepc.studies.bounds import bounded_example
 from ngepc.studies.examples import example
 
@@ -38,28 +40,24 @@ BETA = 5.0
 BULK = 3e3
 
 
+class Stresses(NamedTuple):
+    """Stresses and strains at points: means (n,) and deviators (n, d)."""
+
+    mean: np.ndarray
+    deviator: np.ndarray
+
+
 class Points:
     """Random data at points, near the tangent's."""
 
     def __init__(self, d, hardening, count=200):
         rng = np.random.default_rng(d)
-        ones = np.ones(count)
         self.hardening = hardening
         self.back = rng.normal(size=(count, d))
         e = rng.normal(size=(count, d)) * 10 ** rng.uniform(-4, -2, (count, 1))
         self.trial = TWO_MU * e - self.back
         self.volume = 1e-3 * rng.normal(size=count)
         self.stress = self.law(self.trial)
-        self.at = PointData(
-            BULK * ones,
-            TWO_MU * ones,
-            hardening * ones,
-            BETA * ones,
-            self.volume,
-            self.trial,
-            self.back,
-            self.stress,
-        )
         wrong = 10 ** rng.uniform(-3, 0, (count, 1))
         self.strain = Stresses(
             1e-3 * rng.normal(size=count), 1e-3 * rng.normal(size=(count, d))
@@ -91,16 +89,32 @@ class Points:
         return value - factor * (mean * volume + (left * e).sum(axis=1))
 
 
-def suprema(at, tau, sigma, strain, factor):
-    """Upper bound of the supremum at each point, (n,), as the module has it in parts."""
-    two_mu = at.two_mu[:, None]
-    q = tau.deviator + factor * (sigma.deviator - at.back)
-    w = factor / two_mu * at.trial - strain.deviator
-    law = ScaledLaw.of(at.two_mu, at.hardening, at.beta, factor)
-    found = law.potential((q / two_mu)[:, None], w[:, None])
-    found = found[:, 0] - dots(q, at.trial) / at.two_mu
-    found = found + dots(at.stress - at.back, strain.deviator)
-    return found + mean_part(at, tau, sigma, strain, factor)
+def suprema(points, factor):
+    """Upper bound of the supremum at each point, (n,): integrals over parts of size one."""
+
+    def constant(values):
+        """Coefficients on parts (n, 3, .) of functions that are constant there."""
+        return np.repeat(values[:, None], 3, axis=1)
+
+    one = np.ones(len(points.volume))
+    law = LawOnParts(TWO_MU * one, points.hardening * one, BETA * one)
+    half = 1 / (2 * np.sqrt(BULK))
+    result = ResultOnParts(
+        constant((points.sigma.deviator - points.back) / TWO_MU),
+        points.trial[:, None] / TWO_MU,
+        constant(half * (points.sigma.mean - BULK * points.volume)),
+        law,
+        one,
+        np.arange(len(one)),
+    )
+    sides = Sides.of_adjoint(
+        result,
+        constant(points.tau.deviator / TWO_MU),
+        points.strain.deviator[:, None],
+        constant(half * (points.tau.mean - BULK * points.strain.mean)),
+        dots(points.stress - points.back, points.strain.deviator),
+    )
+    return sides.estimate(1.0, factor)
 
 
 @pytest.mark.parametrize(("d", "hardening"), [(2, 20.0), (3, 1e3), (5, 20.0)])
@@ -108,7 +122,7 @@ def test_no_strain_exceeds_the_supremum(d, hardening):
     points = Points(d, hardening)
     rng = np.random.default_rng(7)
     for factor in (0.1, 2.0):
-        most = suprema(points.at, points.tau, points.sigma, points.strain, factor)
+        most = suprema(points, factor)
         best = np.full(len(most), -np.inf)
         where = np.zeros((len(most), d + 1))
         for round_ in range(2500):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ngepc.bounds.polynomials import NODES, RULE, TO_NODES, WEIGHTS, coefficients
-from ngepc.goals.varying import VaryingData, estimated_integrals, integrals, scaled_law
+from ngepc.goals.varying import VaryingData, sides_of
 
 TWO_MU = 2e3
 BETA = 5.0
@@ -68,22 +68,26 @@ def searched(law, pulled, w):
 def nearly_exact_integrals(fine):
     """Integrals over small parts by a rule, with the Phi that is searched for."""
     k = fine.k
-    pulled, w = fine.at(RULE[k]).pulled(FACTOR)
-    law = scaled_law(fine, FACTOR)
+    sides = sides_of(fine)
+    pulled = RULE[k] @ sides.pulled(1.0, FACTOR)
+    w = RULE[k] @ sides.w(1.0, FACTOR)
+    law = sides.law(FACTOR)
     more = law.potential(pulled, w) - searched(law, pulled, w)
-    return estimated_integrals(fine, FACTOR) - fine.size * (more @ WEIGHTS[k])
+    return sides.estimate(1.0, FACTOR) - fine.size * (more @ WEIGHTS[k])
 
 
 @pytest.mark.parametrize(("k", "d"), [(4, 5), (6, 3), (6, 2)])
 def test_bounds_lie_above_fine_quadrature_and_near_it(k, d):
     data = data_of(k, d)
-    for each in (data, data.turned()):
-        bound = integrals(each, FACTOR, PARTS)
+    for sign, each in ((1.0, data), (-1.0, data.turned())):
+        bound = sides_of(data).integrals(sign, FACTOR, PARTS)
+        turned = sides_of(each).integrals(1.0, FACTOR, PARTS)
+        np.testing.assert_allclose(bound, turned, rtol=1e-9)
         fine = each
         for _ in range(2):
             fine = fine.cut()
-        work = fine.size * (fine.at(RULE[k]).work() @ WEIGHTS[k])
-        own = each.size * (each.at(RULE[k]).work() @ WEIGHTS[k])
+        work = fine.size * fine.kept_work()
+        own = each.size * each.kept_work()
         exact = np.bincount(fine.owner, nearly_exact_integrals(fine) - work) + own
         assert (bound >= exact - 1e-9 * exact.sum()).all()
         assert bound.sum() < 1.1 * exact.sum()
@@ -93,5 +97,6 @@ def test_quadratics_are_integrated_exactly():
     """Nothing yields far inside the ball."""
     data = data_of(4, 5)
     data.law["beta"][:] = 1e6
-    bound = integrals(data, FACTOR, PARTS)
-    np.testing.assert_allclose(bound, estimated_integrals(data, FACTOR), rtol=1e-10)
+    sides = sides_of(data)
+    bound = sides.integrals(1.0, FACTOR, PARTS)
+    np.testing.assert_allclose(bound, sides.estimate(1.0, FACTOR), rtol=1e-10)

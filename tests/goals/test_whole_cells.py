@@ -6,7 +6,7 @@ import pytest
 
 from ngepc import goal_bound, semismooth_newton
 from ngepc.bounds.polynomials import POWERS, square_integrals, tetrahedron_rule
-from ngepc.goals import integrand
+from ngepc.goals import sides
 from ngepc.goals.cutting import potential_means
 from ngepc.goals.supremum import ScaledLaw
 from ngepc.goals.whole_cells import WORTH, Spread, whole_means
@@ -113,7 +113,7 @@ def test_intervals_contain_those_by_parts_and_are_hardly_wider(goal, monkeypatch
     def none(law, pulled, w, volume):
         return np.full((2, len(pulled)), np.inf)
 
-    monkeypatch.setattr(integrand, "whole_integrals", none)
+    monkeypatch.setattr(sides, "whole_integrals", none)
     plain = goal_bound(result, goal)
     rounding = 1e-9 * abs(plain.middle)
     assert fast.factor == pytest.approx(plain.factor, rel=1e-9)
