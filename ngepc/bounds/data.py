@@ -158,14 +158,18 @@ class BoundData:
         repaired = self.patches.repaired(mean, needed, given).reshape(-1, N)
         components = len(self.piola[0])
         stress = by_cells(len(signs), len(table) // components, components)
+        columns = [column.copy() for column in repaired.T]
+        slots = c.slot.reshape(len(signs), -1).T.copy()
+        facets = np.repeat(c.sign.T, N, axis=0)
         for cells in portions(len(signs)):
-            around = repaired[c.slot[cells]] * signs[cells]
-            around = around.reshape(len(around), -1, N)
-            moments = np.matmul(around, c.inverse[cells].transpose(0, 2, 1))
-            moments = moments.reshape(len(around), -1)
-            data = np.concatenate([moments, self.carried.inner[cells]], axis=1)
-            reference = (data @ table.T).reshape(len(data), -1, components)
-            stress[cells] = np.matmul(reference, self.piola[cells])
+            around = [column[slots[:, cells]] * facets[:, cells] for column in columns]
+            inverse = c.inverse[cells].transpose(1, 2, 0)
+            moments = np.einsum("ckt,dct->kdt", np.stack(around), inverse)
+            moments = moments.reshape(-1, moments.shape[2])
+            data = np.concatenate([moments, self.carried.inner[cells].T])
+            reference = (table @ data).reshape(-1, components, moments.shape[1])
+            piola = self.piola[cells].transpose(1, 2, 0).copy()
+            np.einsum("pbt,bct->tpc", reference, piola, out=stress[cells])
         return stress
 
     def at_corners(self, values: np.ndarray) -> np.ndarray:
