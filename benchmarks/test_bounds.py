@@ -5,7 +5,8 @@
 Runs are interleaved, so that a busy machine slows all of them alike; medians and ranges of the
 quotients are printed.  "inside" is a bound where Newton's method has left its factors, as in
 ``solve_to``; "alone" has factors of its own, on the mesh of the result; "copy" is ``error_bound``.
-A step is the time of the whole solve over the number of steps.  Nothing is asserted about times.
+A step is the time of the whole solve over the number of steps.  Goals begin with what the solve has
+learned of the contact rows, as in ``goal_bound``.  Nothing is asserted about times.
 Threads of BLAS and NGSolve wait busily for each other, which counts as processor time: both have
 one.
 """
@@ -88,7 +89,8 @@ def test_bounds_and_goals(name, capsys):
         found["alone/step"].append(alone / step)
         found["copy/alone"].append(copy / alone)
 
-        intervals = GoalProblem.of_bound(bound_data, bound, tangent, search)
+        learned = result.compliance
+        intervals = GoalProblem.of_bound(bound_data, bound, tangent, search, learned)
         for goal in GOALS[body]:
             _, cost = timed(intervals.bound_of, goal)
             found[f"{goal}/copy"].append(cost / copy)
