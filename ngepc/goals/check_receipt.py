@@ -25,10 +25,10 @@ Proofs are in docs/receipts.md.
    are zero or between 1e-30 and 1e30.  ``wrong`` is EPS times the largest condition.
 5. S misses equilibrium by forces r in the parts and j on their sides.  For the solution v
    J(v) >= lower bound - |R(u)| - |R(v - u)|,  R(w) = int r . w + int j . w.  Affine tractions T
-   pass on forces and torques from K to K in proportion to ``passed``, which is no less than they
-   are as each K passes on more than it gets, until supports are reached.  What is left on a part
-   does no work on rigid motions, and is at most  b |eps(w)|,
-    b = |x|^2 |J^-1| (C_1 |r| + C_2 sum |j, T|/(det J)^(1/2)),   edges J, distances x from centres.
+   pass on forces and torques from K to K in proportion to ``passed``, until they reach supports:
+   each K passes on more than it gets, and no more than ``passed``.  What is left on a part does no
+   work on rigid motions, and is, with edges J of the part and distances x from the centre, at most
+     b |eps(w)|,  b = |x|^2 |J^-1| (C_1 |r| + C_2 sum |j, T|/(det J)^(1/2)).
    J is m-convex, m = min(2 mu h/(2 mu + h), n B):  with G = J(u) - J(v) and the root b of all
    b^2/m  the last term is at most  b (2 G)^(1/2).
 6. A goal is Q = int F . u + int G . u + int c P - int t . V of the solution (u, P, t).  The second
@@ -56,6 +56,7 @@ from numpy import einsum, ndarray
 EPS = 16 * 2.0**-52
 SMALLEST = 1e-30  # number besides zero
 UNDERFLOW = 1e-80
+AT_ONCE = 8192  # simplices, to save time
 WIDE = 100  # products of conditions of what densities are divided by
 FORMAT = "ngepc receipt 6"
 TABLE = (  # K cells of v vertices, P points, S sides, B of the boundary, L layers
@@ -67,12 +68,10 @@ LAWS = {"two-dimensional": (2, 2), "plane strain": (2, 3), "solid": (3, 3)}  # N
 CONSTANTS = {2: (1.1, 4.0), 3: (3.0, 16.0)}  # C_1, C_2
 DEVIATORS = np.array([[1, -1, 0], [1, 1, -2]]) / np.sqrt([[2], [6]])
 SIDES = {2: [[1, 2], [0, 2], [0, 1]], 3: [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]}
-ENTRIES = {
-    2: np.array([[0, -1], [-1, 1]]),
-    3: np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]]),
-}
 BETWEEN = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # coefficient of two vertices
 # fmt: off
+# Places of the entries of a tensor among its components
+ENTRIES = {2: np.array([[0, -1], [-1, 1]]), 3: np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])}
 # Parts of a simplex by Bey; 21 is the mean of vertices 2 and 1
 CHILDREN = {2: np.array([[0, 10, 20], [11, 21, 10], [22, 20, 21], [21, 20, 10]]),
             3: np.array([[0, 10, 20, 30], [10, 11, 21, 31], [20, 21, 22, 32], [30, 31, 32, 33],
@@ -124,13 +123,9 @@ def split(r: Body, S: ndarray) -> tuple[ndarray, ndarray]:
     return mean, np.concatenate([diagonal, math.sqrt(2) * S[:, r.n :]], axis=1)
 
 
-def unit(x: ndarray) -> ndarray:
-    """Directions of vectors (c, ...)."""
-    return x / np.maximum(lengths(x[None])[0], SMALLEST)
-
-
 def along(x: ndarray, n: ndarray) -> ndarray:
-    """Fields along a direction, (k, 1, ...)."""
+    """Fields along the direction of vectors (c, ...), (k, 1, ...)."""
+    n = n / np.maximum(lengths(n[None])[0], SMALLEST)
     return einsum("kc...,c...->k...", x, n)[:, None]
 
 
@@ -141,7 +136,7 @@ def outside_ball(x: ndarray, length: ndarray, V: ndarray) -> ndarray:
 
 def norm(N: int, x: ndarray, length: ndarray) -> ndarray:
     """Means of |x| from above, by 3; coefficients have this length at most."""
-    y = along(x, unit(x.mean(axis=0)))
+    y = along(x, x.mean(axis=0))
     Y = np.maximum(y.min(axis=(0, 1)), length.max(axis=0) / 8) + SMALLEST
     square = inner(x, x, N) - inner(y, y, N)
     square += (np.maximum(Y - y, 0.0) ** 2).mean(axis=(0, 1))
@@ -151,7 +146,7 @@ def norm(N: int, x: ndarray, length: ndarray) -> ndarray:
 def squared_excess(N: int, v: ndarray, V: ndarray) -> tuple[ndarray, ndarray, ndarray]:
     """Means of ([|v| - V]_+)^2 from above: by |v| - V itself, or what exceeds the ball."""
     length = lengths(v)
-    y = along(v, unit(v.mean(axis=0)))
+    y = along(v, v.mean(axis=0))
     square = inner(v, v, N)
     longest = length.max(axis=0) + SMALLEST
     mean = y.mean(axis=(0, 1)) + (square - inner(y, y, N)) / (2 * longest)
@@ -182,7 +177,7 @@ def supremum(
     D = outside_ball(y, of_y, 2 * k * beta)
     of_A = beta * np.maximum(of_y - 2 * k * beta, 0.0)
     first = np.maximum(of_v.mean(axis=0) - V, SMALLEST) / (2 * b)
-    n = unit(beta * D.mean(axis=0) + first * v.mean(axis=0))
+    n = beta * D.mean(axis=0) + first * v.mean(axis=0)
     turned = (of_A - beta * along(D, n)[:, 0]).max(axis=0)
     slope = along(v, n).min(axis=(0, 1)) - V
     root = slope**2 - 8 * b * turned
@@ -205,6 +200,10 @@ def subdivided(N: int, s: ndarray) -> ndarray:
 
 def means(N: int, density: object, x: ndarray, law: ndarray, cuts: int) -> ndarray:
     """Means of a density on simplices; those where it is uneven are cut, so often at most."""
+    if x.shape[-1] > AT_ONCE:
+        rows = [slice(i, i + AT_ONCE) for i in range(0, x.shape[-1], AT_ONCE)]
+        parts = [means(N, density, x[..., i], law[:, i], cuts) for i in rows]
+        return np.concatenate(parts)
     found, least, largest = density(N, x, *law)
     on = np.flatnonzero((largest > 0) & (1.5 * least <= largest))
     if cuts and len(on):
@@ -317,13 +316,12 @@ def join(r: Body) -> None:
 
 def on_parts(r: Body, c: ndarray) -> ndarray:
     """Fields on K (k, ..., K) on its parts (k, ..., v, K), quadratic unless constant."""
-    parts = np.repeat(c[..., None, :], r.v if len(c) > 1 else 1, axis=-2)
-    if len(c) > 1:
-        own = np.arange(r.v)
-        parts[own, ..., own, :] = c.mean(axis=0)
-        middle = (parts[[1, 0, 0]] + parts[[2, 2, 1]]) / 2
-        parts = np.concatenate([parts, middle])
-    return parts
+    if len(c) == 1:
+        return c[..., None, :]
+    parts = np.repeat(c[..., None, :], r.v, axis=-2)
+    own = np.arange(r.v)
+    parts[own, ..., own, :] = c.mean(axis=0)
+    return np.concatenate([parts, (parts[[1, 0, 0]] + parts[[2, 2, 1]]) / 2])
 
 
 def displaced(r: Body) -> None:
@@ -401,21 +399,21 @@ def defects(r: Body) -> list[float]:
     """The numbers b of 5; where no side is held in all components all forces go to the first K."""
     N = r.N
     passed = r.passed.reshape(r.L, -1)
-    into = np.empty_like(passed)
-    into[:, r.sides] = passed[:, r.sides[::-1]]
-    into[:, r.place] = 0.0
-    gets = r.force + into.reshape(r.passed.shape).sum(axis=1)
-    out = r.passed.sum(axis=1)
     ends = passed[:, r.place]
     free = ends[:, ~r.held.all(axis=0)]
     need((passed >= 0).all() and not free.any(), "passed: where the body is free")
-    whole = not ends.any()
-    need(((1 + EPS) * gets < out)[:, whole:].all(), "passed: too little")
+    gets = np.empty_like(passed)
+    gets[:, r.sides] = passed[:, r.sides[::-1]]
+    gets[:, r.place] = 0.0
+    gets = r.force + gets.reshape(r.passed.shape).sum(axis=1)
+    out = r.passed.sum(axis=1)
+    rolls = not ends.any()
+    need(((1 + EPS) * gets < out)[:, rolls:].all(), "passed: too little")
     reach = float(np.ptp(r.points, axis=1).sum())
-    most = np.maximum(gets, out)
-    if whole:
-        most = most + rolled(r, reach) * 2 * r.force.sum(axis=1, keepdims=True)
-    T = (N + 2) * (1 + 5 * reach * r.length ** (N - 1) / r.volume) * most
+    through = np.maximum(gets, out)
+    if rolls:
+        through += rolled(r, reach) * 2 * r.force.sum(axis=1, keepdims=True)
+    T = (N + 2) * (1 + 5 * reach * r.length ** (N - 1) / r.volume) * through
     steep = np.sqrt(r.steep**2 + (N + 1) * (r.slopes**2).sum(axis=1))
     C = CONSTANTS[N]
     b = C[0] * math.sqrt(math.factorial(N)) * r.inside + C[1] * (r.jumps + T[:, None])
@@ -542,12 +540,13 @@ def check(path: str) -> str:
     for name, value in proved.items():
         right = header[name] <= value if "lower" in name else value <= header[name]
         need(right, f"{name}: {header[name]} claimed, {value} proved")
-    text = f"least energy in ({header['lower']}, {header['upper']})"
-    if "goal" not in header:
-        return text
-    name = header["goal"]
+    name = header.get("goal", "")
     need(type(name) is str and name.isprintable(), "goal: no name")
-    return f"{text}, {name} in ({header['goal lower']}, {header['goal upper']})"
+    text = f"least energy in ({header['lower']}, {header['upper']})"
+    goal = (
+        f", {name} in ({header['goal lower']}, {header['goal upper']})" if name else ""
+    )
+    return text + goal
 
 
 def check_files(paths: list[str]) -> int:
@@ -557,8 +556,7 @@ def check_files(paths: list[str]) -> int:
         try:
             text = f"PASS: {check(path)}"
         except Exception as error:  # whatever is wrong with a file, it does not pass
-            known = isinstance(error, ValueError)
-            text = f"FAIL: {error if known else repr(error)}"
+            text = f"FAIL: {error if isinstance(error, ValueError) else repr(error)}"
             status = 1
         sys.stdout.write(f"{path}: {text}\n")
     return status

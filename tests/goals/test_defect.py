@@ -1,6 +1,7 @@
 """What the checker of receipts says about a stress that is out of equilibrium."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -201,3 +202,35 @@ def test_residuals_of_a_polynomial_stress(order, tmp_path):
     np.testing.assert_allclose(r.inside[0], expected, rtol=1e-9)
     between = ~np.isin(r.side, r.out)
     assert r.jumps[0][between].max() < 1e-11 * np.abs(values).max()
+
+
+@pytest.mark.parametrize("name", ["clamped", "clamped, order 2", "cube"])
+def test_forces_may_split(name, tmp_path):
+    """Cells pass on what they get by several sides: the same statement of the defect."""
+    arrays, header = out_of_balance(name, tmp_path / "receipt.npz")
+    r = check_receipt.opened(packed(arrays, header), header)
+    check_receipt.balance(r)
+    free = np.zeros(r.v * r.K, dtype=bool)
+    free[r.place] = ~r.held.all(axis=0)
+    share = np.where(free, 0.0, 1.0).reshape(r.v, r.K)
+    share *= np.random.default_rng(4).uniform(0.5, 1.0, share.shape)
+    share += 20.0 * (arrays["passed"][0] > 0)
+    share /= share.sum(axis=0)
+    flow = np.zeros((1, r.v, r.K))
+    for _ in range(3000):
+        into = np.zeros(r.v * r.K)
+        into[r.sides] = flow.reshape(-1)[r.sides[::-1]]
+        into[r.place] = 0.0
+        gets = r.force[0] + into.reshape(r.v, r.K).sum(axis=0)
+        flow = 1.0001 * (gets * share)[None]
+    arrays = arrays | {"passed": flow}
+    r = check_receipt.opened(packed(arrays, header), header)
+    check_receipt.balance(r)
+    assert ((flow[0] > 0).sum(axis=0) > 1).mean() > 0.5
+    b = check_receipt.defects(r)[0] / 2
+    random = np.random.default_rng(1)
+    for w in admissible(arrays, header, random):
+        missed, norm = virtual_work(arrays, header, w)
+        assert abs(missed) <= b * norm
+    with pytest.raises(ValueError, match=r"^passed: too little"):
+        check_receipt.defects(SimpleNamespace(**vars(r) | {"passed": 0.999 * flow}))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from campaigns.receipts import Judge, falsifies, opened, passes, tampered
+from campaigns.receipts import Judge, bernstein, falsifies, opened, passes, tampered
 from ngsolve import IfPos, x, y
 
 from ngepc import (
@@ -192,6 +192,45 @@ def test_a_tangent_of_the_norm_is_above_it():
     best = (length(A + q * v, 1) - V * q[:, 0] - b * q[:, 0] ** 2).max(axis=0)
     assert (best <= bound * (1 + 1e-12) + 1e-12)[sure].all()
     assert not (best <= bound)[~sure].all()
+
+
+def test_a_norm_is_at_most_a_square_over_any_length():
+    """Paragraph 3 of the checker: |x| <= y + (|z|^2 + ([Y - y]_+)^2)/(2 Y), also for y < 0."""
+    random = np.random.default_rng(6)
+    y, z = random.normal(size=(2, 2000))
+    Y = 10 ** random.uniform(-2, 1, 2000)
+    bound = y + (z**2 + np.maximum(Y - y, 0.0) ** 2) / (2 * Y)
+    assert (bound >= np.hypot(y, z) * (1 - 1e-12)).all()
+    near = bound / np.hypot(y, z) - 1
+    assert near[(np.abs(z) < 0.1 * y) & (y > Y) & (0.9 * y < Y)].max() < 1e-3
+
+
+@pytest.mark.parametrize("k", [3, 6])
+def test_the_tangent_of_a_supremum_is_sure_on_the_whole_part(k):
+    """|A + r v| - |A| >= r (V + 2 b r) at many points, with the r of the checker."""
+    random = np.random.default_rng(10 + k)
+    law = random_law(random, 300)
+    n = random.normal(size=(3, 300))
+    n /= length(n)
+    g = 10 ** random.uniform(-1, 1, 300)
+    moduli = law[0] * (law[2] + np.array([law[1], 1 + law[1]]) * g)
+    noise = np.repeat([0.03, 0.1, 0.3], 100) * law[0] * law[2]
+    p, w = random.normal(size=(2, k, 3, 300)) * noise
+    p += moduli[0] * n
+    w += moduli[1] * n
+    x = fields(p, w, law)
+    V, kk, h, beta = full(law)
+    twice = check_receipt.supremum(2, x, V, kk, h, beta)[1]
+    b = kk * h * (1 + h)
+    r = twice / (2 * b)
+    assert 90 < (r > 0).sum() < 300
+    y, v = np.split(x, 2, axis=1)
+    A = beta * check_receipt.outside_ball(y, length(y, 1), 2 * kk * beta)
+    shares = random.dirichlet(np.ones(3), 200)
+    at = bernstein(shares, k)
+    A, v = (np.einsum("qi,icM->qcM", at, field) for field in (A, v))
+    gained = length(A + r * v, 1) - length(A, 1)
+    assert (gained >= r * (V + twice) - 1e-12 * length(A, 1)).all()
 
 
 def length(x, axis=0):
@@ -514,6 +553,9 @@ def test_other_types_and_shapes_do_not_pass(order, tmp_path):
     for order in (0, 3 - header["order"], 3):
         with pytest.raises(ValueError, match=r"^receipt: its arrays|^order: "):
             check_receipt.opened(words, header | {"order": order})
+    if header["order"] == 1:  # no array of order one has the size S
+        with pytest.raises(ValueError, match=r"^sides: not as many"):
+            check_receipt.opened(words, header | {"S": header["S"] + 1})
     for sizes in ({"K": header["K"] + 1}, {"S": 0}, {"B": -1}, {"P": 1.5}, {"P": True}):
         with pytest.raises(ValueError, match=r"^receipt: its arrays|^sizes: "):
             check_receipt.opened(words, header | sizes)
