@@ -57,7 +57,7 @@ EPS = 16 * 2.0**-52
 SMALLEST = 1e-30  # number besides zero
 UNDERFLOW = 1e-80
 AT_ONCE = 8192  # simplices, to save time
-WIDE = 100  # products of conditions of what densities are divided by
+WIDE = 40  # condition of densities
 FORMAT = "ngepc receipt 6"
 TABLE = (  # K cells of v vertices, P points, S sides, B of the boundary, L layers
     "cells vK, points NP, u NLU, stress kcLvK, lame_lambda K, mu K, hardening K, beta K, "
@@ -341,7 +341,7 @@ def displaced(r: Body) -> None:
     r.m, r.d = split(r, r.stress)
     r.trial = 2 * r.mu * (r.strain[:, :, 0] - r.initial) - r.back
     r.shifted = r.d[:, :, 0] - r.back
-    r.large = (r.n * r.bulk + 2 * r.mu) * r.steep * size(change)
+    r.large = r.degree * r.N * (r.n * r.bulk + 2 * r.mu) * r.steep * size(change)
     r.large += size(r.stress).max(axis=1)
     r.large[0] += 2 * r.mu * size(r.initial)[0] + size(r.back)[0]
 
