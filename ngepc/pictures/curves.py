@@ -306,6 +306,8 @@ def plot_contact_pressure(
             axes.fill_between(s, pressure, color=colour, alpha=0.12, linewidth=0)
     axes.axhline(0.0, color=GUIDE, linewidth=0.6)
     axes.margins(x=0)
+    if not any(np.any(line.get_ydata()) for line in axes.lines):  # no contact
+        axes.set_ylim(0.0, 1.0)
     axes.set_xlabel(f"position along the contact boundary{units.of('length')}")
     axes.set_ylabel(f"contact pressure{units.of('stress')}")
     if any(sources):

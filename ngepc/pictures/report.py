@@ -19,6 +19,7 @@ from ngepc.model.problem import Problem
 from ngepc.pictures.curves import plot_contact_pressure, plot_curve, plot_history
 from ngepc.pictures.drawable import UnitNames, require_units
 from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
+from ngepc.pictures.meshes import axis_names
 from ngepc.pictures.style import png_address
 from ngepc.pictures.wording import (
     describe_history,
@@ -178,8 +179,9 @@ def mesh_picture(problem: Problem, units: UnitNames) -> Figure:
     figure = plot_mesh(problem)
     if problem.N == 2:
         axes = figure.axes[0]
-        axes.set_xlabel(f"x{units.of('length')}")
-        axes.set_ylabel(f"y{units.of('length')}")
+        first, second = axis_names(problem)
+        axes.set_xlabel(f"{first}{units.of('length')}")
+        axes.set_ylabel(f"{second}{units.of('length')}")
     return figure
 
 

@@ -84,13 +84,23 @@ def force_unit(units: UnitNames, problem: Problem) -> str:
 def units_of(units: UnitNames, problem: Problem) -> dict[str, str]:
     """Kind of quantity -> its unit, empty where it has no name."""
     force = force_unit(units, problem).strip()
-    energy = f"{force}·{units.length}" if force else ""
+    energy = force.removesuffix(f"/{units.length}")  # per length: N mm/mm is N
+    if energy == force:
+        energy = _longer(force, units.length) if force else ""
     return {
         "length": units.length,
         "stress": units.stress,
         "force": force,
         "energy": energy,
     }
+
+
+def _longer(unit: str, length: str) -> str:
+    """A unit times a length: 'N·mm', and 'MPa·cm²' for 'MPa·cm'."""
+    for power, following in (("", "²"), ("²", "³")):
+        if unit.endswith(f"·{length}{power}"):
+            return f"{unit.removesuffix(power)}{following}"
+    return f"{unit}·{length}"
 
 
 def is_whole_body(problem: Problem) -> bool:

@@ -307,6 +307,14 @@ def test_arc_lengths_put_shuffled_segments_in_order():
     assert s.max() == pytest.approx(5 * side)
 
 
+def test_no_contact_pressure_is_drawn_at_the_bottom():
+    """Not in the middle of an axis with negative pressures."""
+    away = primal_newton(replace(lshape_primal().problem, gap=10.0))
+    axes = plot_contact_pressure(away).axes[0]
+    assert not axes.lines[0].get_ydata().any()
+    assert axes.get_ylim() == (0.0, 1.0)
+
+
 def test_one_small_element_does_not_swallow_the_scale():
     values = np.r_[np.linspace(0.0, 1.0, 100), 50.0]
     limits = colour_scale(strips(values, np.r_[np.ones(100), 1e-3]))

@@ -22,7 +22,7 @@ from ngepc import (
 )
 from ngepc.geometries import block, lshape
 from ngepc.pictures import UnitNames, plot_field
-from ngepc.pictures.report import html_table, narrow, write_report
+from ngepc.pictures.report import html_table, mesh_picture, narrow, write_report
 from ngepc.pictures.views import show, viewer_installed
 from ngepc.pictures.wording import (
     describe_material,
@@ -31,6 +31,7 @@ from ngepc.pictures.wording import (
     flat_rows,
     force_unit,
     number,
+    units_of,
 )
 
 ROWS = [
@@ -174,6 +175,18 @@ def test_forces_have_the_unit_of_the_model():
     assert units == [" N/mm", " N", " N", " N"]
     assert force_unit(UnitNames("cm", "MPa"), solid) == " MPa·cm²"
     assert force_unit(UnitNames("mm"), solid) == ""
+    energies = [units_of(mm, p)["energy"] for p in (plane, solid, sheet, ring)]
+    assert energies == ["N", "N·mm", "N·mm", "N·mm"]
+    cm = UnitNames("cm", "MPa")
+    energies = [units_of(cm, p)["energy"] for p in (plane, solid)]
+    assert energies == ["MPa·cm²", "MPa·cm³"]
+    assert units_of(UnitNames("mm"), solid)["energy"] == ""
+
+
+def test_the_mesh_of_a_ring_has_the_axes_r_and_z():
+    ring = replace(lshape_primal().problem, kinematics="axisymmetric")
+    axes = mesh_picture(ring, UnitNames("mm")).axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("r (mm)", "z (mm)")
 
 
 def test_the_error_is_called_guaranteed_only_if_it_is():
