@@ -199,7 +199,7 @@ def test_the_error_is_called_guaranteed_only_if_it_is():
         return {row["quantity"]: row["value"] for row in rows}["error of the mesh"]
 
     assert said(pressed).endswith("of the energy, guaranteed")
-    wavy = replace(pressed, gap=1e-4 * sin(x) - 0.001)
+    wavy = replace(pressed, body_force=CF((0.0, 0.01 * sin(x))))
     assert said(wavy).endswith("known from samples of the data")
     rough = replace(pressed, friction=Coulomb(0.2))
     assert said(rough).endswith("an estimate without guarantee")
