@@ -42,7 +42,7 @@ from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from ngsolve.la import CreateVVector
 from scipy.sparse import csr_matrix
 
-from ngepc.checks.arguments import Coefficient
+from ngepc.checks.arguments import Coefficient, boundary_names
 from ngepc.discretisation.polynomials import HIGHEST
 from ngepc.discretisation.sampling import SIMPLICES, Scan, with_last_share
 from ngepc.model.data import same_fields
@@ -111,6 +111,41 @@ def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
         else scalar.mesh.Boundaries(place)
     )
     return np.flatnonzero(np.array(scalar.GetDofs(region), dtype=bool))
+
+
+def shares_of_supports(problem: Problem) -> dict[Place, np.ndarray]:
+    """Single place -> its share of the forces at held components, (N, nodes).
+
+    A component that several supports hold at a node is shared equally among them.
+    """
+    scalar = H1(problem.mesh, order=problem.order)
+    supports = (*problem.clamped_names, *problem.single("prescribed"))
+    here = {place: np.zeros((problem.N, scalar.ndof)) for place in supports}
+    for _, place, axis, _ in problem.held:
+        here[place][axis, nodes_at(scalar, place)] = 1.0
+    summed = problem.nodal_processes.summed
+    held = {place: np.minimum(summed(mask.T).T, 1.0) for place, mask in here.items()}
+    count = np.maximum(sum(held.values(), np.zeros((problem.N, scalar.ndof))), 1.0)
+    return {place: mask / count for place, mask in held.items()}
+
+
+def support_motion(problem: Problem, support: str, component: int) -> np.ndarray:
+    """The unit motion of a support along a component, (nodes, N): one at its vertices.
+
+    Where other supports hold a vertex, too, it is the share of this one.  The work of all forces
+    in this motion is the reaction.
+
+    ValueError if the support does not hold the component.
+    """
+    names = boundary_names("support", support, problem.mesh)
+    shares = shares_of_supports(problem)
+    held = [shares[name][component] for name in names if name in shares]
+    if len(held) < len(names) or not all(share.any() for share in held):
+        raise ValueError(f"support={support!r}: it does not hold component {component}")
+    motion = np.zeros((len(held[0]), problem.N))
+    vertices = problem.mesh.nv
+    motion[:vertices, component] = sum(held)[:vertices]
+    return motion
 
 
 def prescribed_displacement(problem: Problem, V: FESpace) -> GridFunction:

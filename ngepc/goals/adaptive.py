@@ -158,7 +158,9 @@ class BoundedResult:
 
     def __repr__(self) -> str:
         judged = self.bound if self.goal is None else self.goal
-        error = f"relative error at most {self.relative_error:.3g} ({judged.kind})"
+        what = "energy" if self.goal is None else self.goal.name
+        size = f"{self.relative_error:.3g} ({judged.kind})"
+        error = f"relative error of the {what} at most {size}"
         meshes = f"{len(self.records)} meshes, {self.records[-1].nodes} nodes"
         return f"<BoundedResult: {error}, tolerance {self.tolerance:g}, {meshes}>"
 

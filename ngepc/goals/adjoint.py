@@ -141,7 +141,7 @@ class AdjointProblem(AdjointConditions):
     def start(self, goal: GoalTerms) -> Start:
         """The adjoint of a goal without conditions on open rows, for all lambda."""
         discrete = self.bound_data.discrete
-        forces = goal.forces(self.bound_data)
+        forces = goal.forces(self.bound_data.discrete)
         lift = np.zeros_like(forces) if goal.motion is None else goal.motion
         if goal.motion is not None:
             strain = discrete.points.strain(lift)

@@ -45,7 +45,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import interval_in_words
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint import Adjoint, AdjointProblem, Start
-from ngepc.goals.goal_terms import GoalTerms, terms_of
+from ngepc.goals.goal_terms import GoalTerms, goal_of_result, terms_of
 from ngepc.goals.integrand import BoundPart, Integrand
 from ngepc.goals.resultant import largest_resultant
 from ngepc.goals.sub_elements import SubElements
@@ -106,7 +106,8 @@ class GoalBound:
     lower, upper
         The interval.
     discrete
-        The goal of the result.
+        The goal of the result; of a displacement at a point in a quadrilateral or hexahedron that
+        of the triangle or tetrahedron that it is cut into.
     bound
         The error bound of the result.
     adjoint
@@ -262,7 +263,8 @@ class GoalProblem:
     def __init__(self, result: ExactResult) -> None:
         check_goals(result.problem)
         thick = result.problem
-        given = on_simplices(of_thickness_one(result))
+        one = of_thickness_one(result)
+        given = on_simplices(one)
         result, parents = on_matching(given)
         bound_data = bound_data_of(result.discrete)
         tangent = Factors(bound_data.discrete, "sparsecholesky")
@@ -271,6 +273,8 @@ class GoalProblem:
         self._take(bound_data, bound, tangent, search, result.compliance)
         if parents is not None:
             self._copied = given.problem, parents
+        if given is not one:
+            self._cut = one
         if not is_of_thickness_one(thick):
             self._thick = thick
 
@@ -311,6 +315,7 @@ class GoalProblem:
                 "tractions that are affine"
             )
         self._copied: tuple[Problem, np.ndarray] | None = None
+        self._cut: ExactResult | None = None
         self._thick: Problem | None = None
         self.bound_data = bound_data
         self.bound = bound
@@ -345,6 +350,8 @@ class GoalProblem:
         start = self._adjoints.start(terms)
         best = self._best(start, self._first(start) if near is None else near)
         found = self._interval(terms, best.finite(), discrete)
+        if self._cut is not None and not hasattr(goal, "point"):
+            found = replace(found, discrete=goal_of_result(goal, self._cut))
         if self._copied is not None:
             found = interval_of_elements(found, *self._copied)
         return found if self._thick is None else thick_goal(found, self._thick)
@@ -456,7 +463,7 @@ class GoalProblem:
         state = self.bound.state
         adjoint = chosen.adjoint
         opened = chosen.factor * contact.opening(state.u, self.bound.pressure)
-        centre = float(np.vdot(terms.forces(self.bound_data), state.u))
+        centre = float(np.vdot(terms.forces(self.bound_data.discrete), state.u))
         centre += float(np.vdot(self.bound_data.discrete.load, adjoint.z))
         centre += chosen.integrand.residual
         centre -= float(

@@ -25,13 +25,20 @@ from ngepc.checks.arguments import (
 from ngepc.checks.declared import Check, Declared, Text
 from ngepc.checks.kinds import require_mapping, require_text
 from ngepc.checks.sentences import in_words
-from ngepc.discretisation.loads import applied_forces
-from ngepc.local.system import State
+from ngepc.discretisation.loads import applied_forces, support_motion
+from ngepc.local.result import ExactResult
+from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import Vector
 from ngepc.model.problem import Problem
 
 NAMES = ("contact_force", "work")
 """Goals with a name: the resultant of the contact pressure, the work of the problem's loads."""
+
+MEETING = (
+    "Where supports meet, the force at a vertex is shared equally, so that their reactions mix in "
+    "the elements there."
+)
+"""What a reaction is if other supports hold vertices of its support."""
 
 Component = Annotated[int, Check(require_integer, least=0, most=2)]
 
@@ -133,9 +140,8 @@ class GoalTerms:
     lower: GoalTerms | None = None
     is_mean: bool = False
 
-    def forces(self, bound_data: BoundData) -> np.ndarray:
+    def forces(self, discrete: DiscreteProblem) -> np.ndarray:
         """Nodal forces of the load, (nodes, N)."""
-        discrete = bound_data.discrete
         if self.load is None:
             return np.zeros_like(discrete.load)
         return applied_forces(self.load, discrete.supports.space)
@@ -157,15 +163,31 @@ class GoalTerms:
 
     def value(self, bound_data: BoundData, state: State) -> float:
         """The goal of a discrete state."""
-        value = float(np.vdot(self.forces(bound_data), state.u))
-        if self.motion is not None:
-            value -= float(np.vdot(self.motion, state.residual_force))
+        value = self.work(state)
         if not self.factor.any():
             return value
         forces = np.maximum(state.multipliers, 0.0)
         if (self.factor == 1).all():
             return value + float(forces.sum())
         return value + float(self.factor @ bound_data.contact.resultants(forces))
+
+    def work(self, state: State) -> float:
+        """The work of the load, less that of all forces in the motion of the support."""
+        value = float(np.vdot(self.forces(state.discrete), state.u))
+        if self.motion is not None:
+            value -= float(np.vdot(self.motion, state.residual_force))
+        return value
+
+
+def goal_of_result(goal: object, result: ExactResult) -> float:
+    """The goal of a result, also on quadrilaterals and hexahedra, as its own numbers say it."""
+    problem = result.problem
+    if isinstance(goal, ContactForceOn):
+        region = problem.mesh.Boundaries(goal.boundary)
+        pressure = result.contact_pressure
+        return Integrate(pressure, problem.mesh, BND, definedon=region)
+    terms = _without_facets(goal, problem, np.zeros(1))
+    return result.contact_force if terms.factor.any() else terms.work(result.state)
 
 
 def terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
@@ -199,17 +221,20 @@ def _along(what: str, place: str, goal: Any) -> str:
 def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
     """The same without ``lower``."""
     problem = bound_data.problem
-    zero = np.zeros(len(bound_data.contact.nodes))
+    if not isinstance(goal, ContactForceOn):
+        zero = np.zeros(len(bound_data.contact.nodes))
+        return _without_facets(goal, problem, zero)
+    names = boundary_names("boundary", goal.boundary, problem.mesh)
+    on = bound_data.boundary.contact_of(names).astype(float)
+    if not on.any():
+        raise ValueError(f"boundary={goal.boundary!r}: a contact boundary is needed")
+    return GoalTerms(f"contact force on {goal.boundary}", None, on, None)
+
+
+def _without_facets(goal: object, problem: Problem, zero: np.ndarray) -> GoalTerms:
+    """The terms of a goal that concerns all contact facets, (facets,) like ``zero``, or none."""
     if isinstance(goal, str):
         return _named(goal, problem, zero)
-    if isinstance(goal, ContactForceOn):
-        names = boundary_names("boundary", goal.boundary, problem.mesh)
-        on = bound_data.boundary.contact_of(names).astype(float)
-        if not on.any():
-            raise ValueError(
-                f"boundary={goal.boundary!r}: a contact boundary is needed"
-            )
-        return GoalTerms(f"contact force on {goal.boundary}", None, on, None)
     if isinstance(goal, MeanDisplacement):
         load = _loaded(problem, _mean_traction(goal, problem), None)
         return GoalTerms(
@@ -221,8 +246,7 @@ def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
     if hasattr(goal, "point") and hasattr(goal, "component"):
         return _displacement_at(goal, problem, zero)
     if hasattr(goal, "support") and hasattr(goal, "component"):
-        motion = _support_motion(goal, bound_data)
-        return GoalTerms(_along("reaction", goal.support, goal), None, zero, motion)
+        return _reaction(goal, problem, zero)
     raise TypeError(
         f"goal={in_words(goal)}: 'contact_force', 'work', ContactForceOn, "
         "MeanDisplacement, LoadWork, "
@@ -284,19 +308,10 @@ def _displacement_at(goal: object, problem: Problem, zero: np.ndarray) -> GoalTe
     return GoalTerms("displacement", load, zero, None, note)
 
 
-def _support_motion(goal: object, bound_data: BoundData) -> np.ndarray:
-    """Minus the unit motion of a support, (nodes, N)."""
-    problem = bound_data.problem
-    supports = bound_data.discrete.supports
+def _reaction(goal: object, problem: Problem, zero: np.ndarray) -> GoalTerms:
+    """The reaction of a support: minus the work of all forces in its unit motion."""
     component = require_integer("component", goal.component, 0, problem.N - 1)
-    (name,) = boundary_names("support", goal.support, problem.mesh)
-    region = problem.mesh.Boundaries(name)
-    there = np.array(supports.space.components[component].GetDofs(region), dtype=bool)
-    there[problem.mesh.nv :] = False
-    motion = np.zeros(bound_data.discrete.load.shape)
-    motion[there, component] = -1.0 * ~supports.free[there, component]
-    if not motion.any():
-        raise ValueError(
-            f"support={goal.support!r}: it does not hold component {component}"
-        )
-    return motion
+    motion = support_motion(problem, goal.support, component)
+    shared = (motion > 0) & (motion < 1)
+    note = MEETING if shared.any() else ""
+    return GoalTerms(_along("reaction", goal.support, goal), None, zero, -motion, note)

@@ -264,4 +264,5 @@ def _refined(problem: Problem) -> Problem | None:
         return None
     finer = Mesh(problem.mesh.ngmesh.Copy())
     finer.Refine()
+    finer.Curve(problem.mesh.GetCurveOrder())  # copies are straight
     return _with_history(problem, mesh=finer)

@@ -17,11 +17,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from ngsolve import H1
 
 from ngepc._deprecated import renamed
 from ngepc.checks.arguments import require_vector
-from ngepc.discretisation.loads import nodes_at
+from ngepc.discretisation.loads import shares_of_supports
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem
@@ -77,19 +76,8 @@ class Equilibrium:
 
         A component that several supports hold at a node is shared equally among them.
         """
-        problem = self.problem
-        scalar = H1(problem.mesh, order=problem.order)
-        supports = (*problem.clamped_names, *problem.single("prescribed"))
-        here = {place: np.zeros(self.free.shape) for place in supports}
-        for _, place, axis, _ in problem.held:
-            here[place][axis, nodes_at(scalar, place)] = 1.0
-        held = {
-            place: problem.nodal_processes.summed(mask.T).T > 0
-            for place, mask in here.items()
-        }
-        fixed = np.where(self.free, 0.0, self.residual_force)
-        share = fixed / np.maximum(sum(held.values(), np.zeros(self.free.shape)), 1)
-        each = {place: np.where(mask, share, 0.0) for place, mask in held.items()}
+        shares = shares_of_supports(self.problem)
+        each = {place: share * self.residual_force for place, share in shares.items()}
         for place, forces in self.others.items():
             each[place] = each.get(place, 0.0) + forces
         return {place: self.resultant(forces) for place, forces in each.items()}

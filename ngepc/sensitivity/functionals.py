@@ -13,12 +13,12 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.comp import SumOfIntegrals
 
-from ngepc.checks.arguments import boundary_names, require_integer, require_vector
+from ngepc.checks.arguments import require_integer, require_vector
 from ngepc.checks.declared import Check, Declared, Text, Vector
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.hill_law import HillLaw
-from ngepc.discretisation.loads import nodal
+from ngepc.discretisation.loads import nodal, support_motion
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.equations import Data
@@ -160,7 +160,8 @@ class Reaction(Declared):
     Parameters
     ----------
     support
-        Name of a clamped or prescribed boundary.
+        Name of a clamped or prescribed boundary, or of several, 'a|b'.  A node that other supports
+        hold, too, counts by an equal share of its force, as in ``equilibrium.reactions``.
     component
         0, 1 or 2.
     """
@@ -176,18 +177,7 @@ class Reaction(Declared):
         discrete = state.discrete
         problem = state.discrete.problem
         component = require_integer("component", self.component, 0, problem.N - 1)
-        (name,) = boundary_names("support", self.support, problem.mesh)
-        region = problem.mesh.Boundaries(name)
-        there = np.array(
-            discrete.supports.space.components[component].GetDofs(region), dtype=bool
-        )
-        there[problem.mesh.nv :] = False
-        motion = np.zeros_like(state.u)
-        motion[there, component] = ~discrete.supports.free[there, component]
-        if not motion.any():
-            raise ValueError(
-                f"support={self.support!r}: it does not hold component {component}"
-            )
+        motion = support_motion(problem, self.support, component)
         volume, e = discrete.points.strain(motion)
         by = discrete.points.weights * Data(stress=e, mean=volume)
         by += Data(u=discrete.supports.pull(motion), load=-motion)

@@ -50,7 +50,7 @@ def test_what_is_asked_for_is_reached(lshaped):
     assert lshaped.reached
     assert lshaped.message == ""
     assert lshaped.bound.relative <= 0.02
-    error = f"relative error at most {lshaped.bound.relative:.3g} (guaranteed)"
+    error = f"relative error of the energy at most {lshaped.bound.relative:.3g} (guaranteed)"
     assert f"{error}, tolerance 0.02" in repr(lshaped)
     fresh = error_bound(lshaped.result)  # its stress starts from another tangent
     assert fresh.energy == pytest.approx(lshaped.bound.energy, rel=1e-12)

@@ -205,6 +205,62 @@ def test_the_reaction_balances_the_load():
         assert found.discrete == pytest.approx(value, rel=1e-6)
 
 
+def test_reactions_of_supports_that_meet_add_up():
+    """Both hold the corner: each gets half of its force, as in ``equilibrium.reactions``."""
+    problem = Problem(
+        block.structured_mesh(3, 3, simplices=True),
+        MATERIAL,
+        "left|clamped",
+        {"right": (1.0, -3.0)},
+    )
+    result = semismooth_newton(problem)
+    for component, value in ((0, -1.0), (1, 3.0)):
+        found = [
+            goal_bound(result, Reaction(name, component))
+            for name in ("left", "clamped")
+        ]
+        assert sum(each.discrete for each in found) == pytest.approx(value, rel=1e-9)
+        for name, each in zip(("left", "clamped"), found, strict=True):
+            force = result.equilibrium.reactions[name][component]
+            assert each.discrete == pytest.approx(force, rel=1e-9)
+            assert "Where supports meet" in each.message
+        both = goal_bound(result, Reaction("left|clamped", component))
+        assert both.lower <= value <= both.upper
+        assert both.width < 1e-6
+        assert both.message == ""
+    with pytest.raises(ValueError, match="support='right'"):
+        goal_bound(result, Reaction("right", 0))  # two of its vertices are held
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("size", [(3, 3), (2, 2, 2)])
+def test_the_goal_of_a_result_is_its_own_number(size, order):
+    """Quadrilaterals and hexahedra are cut for the interval, not for what the result says."""
+    N = len(size)
+    force = (*(N - 1) * (0.0,), -3.0)
+    problem = Problem(
+        block.structured_mesh(*size),
+        MATERIAL,
+        "clamped",
+        {"right": force},
+        contact="contact",
+        gap=-1e-3,
+        initial_strain=1e-3,
+        order=order,
+    )
+    result = semismooth_newton(problem)
+    right = problem.mesh.Boundaries("right")
+    work = Integrate(CF(force) * result.displacement, problem.mesh, definedon=right)
+    values = {
+        "contact_force": result.contact_force,
+        ContactForceOn("contact"): result.contact_force,
+        Reaction("clamped", N - 1): result.reaction[N - 1],
+        "work": work,
+    }
+    for goal, value in values.items():
+        assert goal_bound(result, goal).discrete == pytest.approx(value, rel=1e-10)
+
+
 def test_a_reaction_on_needles():
     """The support of a plate of 0.001 x 0.7 moves by one; the forces of that cancel."""
     mesh = block.mesh(0.4, (1.0, 0.7))

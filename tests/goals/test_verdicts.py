@@ -1,5 +1,7 @@
 """Meshes that follow a goal, verdicts about limits, and one line of confidence."""
 
+import math
+import re
 from dataclasses import replace
 
 import pytest
@@ -19,7 +21,7 @@ from ngepc import (
     solve_to,
     verdict,
 )
-from ngepc.geometries import block
+from ngepc.geometries import block, ring
 from ngepc.studies.examples import example
 
 MATERIAL = Material.kinematic(
@@ -143,6 +145,32 @@ def test_two_bodies_with_any_law_have_a_bound(law):
     fine = solve_to(problem, 0.05).bound
     assert coarse.guaranteed
     assert max(coarse.least_energy, fine.least_energy) < min(coarse.energy, fine.energy)
+
+
+def test_the_estimate_of_a_curved_body_is_that_of_the_displacements():
+    """Lame's tube: refined elements are curved, too, or the estimate is that of the polygon.
+
+    u(a) = (1 + nu) p a ((1 - 2 nu) a^2 + b^2)/(E (b^2 - a^2)), and J is minus half the work.
+    """
+    a, b = 1.0, 2.0
+    mesh = ring.quarter_mesh(0.3, a, b)
+    mesh.Curve(2)
+    metal = {"young": 1e3, "poisson": 0.3, "yield_stress": 1e3, "plastic_modulus": 0}
+    problem = Problem(
+        mesh,
+        Material.metal(**metal),
+        None,
+        pressure={"inner": 1.0},
+        prescribed={"left": (0, None), "bottom": (None, 0)},
+    )
+    result = semismooth_newton(problem)
+    moved = 1.3e-3 * a * (0.4 * a**2 + b**2) / (b**2 - a**2)
+    energy = -math.pi / 4 * a * moved
+    error = 100 * abs(result.primal_energy / energy - 1)
+    line = confidence(result)
+    assert line.startswith("Estimate by one refinement")
+    told = float(re.search(r"changes by ([\d.e-]+) percent", line)[1])
+    assert 0.5 * error < told < 2 * error
 
 
 def test_confidence_in_a_step_whose_hardening_falls_below_zero_between_points():
