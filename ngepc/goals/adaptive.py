@@ -396,9 +396,10 @@ def refined_mesh(
 ) -> tuple[Mesh, np.ndarray]:
     """The mesh bisected until this part of the indicators should remain, and the parents.
 
-    It matches where two bodies meet.
+    It matches where two bodies meet.  If the bound is infinite, all elements count alike.
     """
-    indicators = np.maximum(per_cell, 0.0)
+    finite = np.isfinite(per_cell).all()
+    indicators = np.maximum(per_cell, 0.0) if finite else np.ones(len(per_cell))
     finer = bisected_to(problem.mesh, indicators, options.marking, part)
     return with_matching(problem, finer)
 

@@ -1,5 +1,6 @@
 """Meshes that follow the bound, and what is carried from one to the next."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from ngepc.bounds.simplices import marked
 from ngepc.bounds.transfer import bisected, bisected_to, carried_state, on_mesh
 from ngepc.geometries import block, lshape
 from ngepc.goals import adaptive
-from ngepc.goals.adaptive import Refinement, solve_to
+from ngepc.goals.adaptive import Refinement, refined_mesh, solve_to
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.studies.bounds import LIMITS
@@ -279,3 +280,13 @@ def test_one_interval_around_zero_does_not_end_a_run():
     assert not adaptive.about_zero("work", [narrow, wide])
     assert not adaptive.about_zero(None, [wide, wide])
     assert "goal is about 0" in adaptive.about_zero(object(), [narrow, wide, wide])
+
+
+def test_infinite_indicators_divide_all_elements():
+    """A law that saturates below a stress: meshes become finer everywhere, not one element."""
+    problem = lshape_problem(lshape.paper_mesh(33))
+    per_cell = np.ones(problem.mesh.ne)
+    per_cell[3] = math.inf
+    finer, parents = refined_mesh(problem, per_cell, 0.45, Refinement())
+    assert len(parents) == finer.ne
+    assert np.bincount(parents).mean() > 1.9
