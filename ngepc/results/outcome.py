@@ -30,9 +30,7 @@ class Status(Enum):
         "Plastic strains grow without bound: the loads are at or beyond a limit load."
     )
     UNHELD = "Contact forces cannot balance the loads on a part without supports: no solution."
-    MESH_LIMIT = (
-        "The error bound is above the requested one, and a finer mesh is not allowed."
-    )
+    MESH_LIMIT = "The error bound is above the requested one, and a finer mesh is not allowed or no help."
     STEP_LIMIT = (
         "The increments are less accurate than requested; shorter ones are not allowed."
     )
@@ -50,6 +48,11 @@ class Status(Enum):
     def is_success(self) -> bool:
         """Whether the run succeeded."""
         return self in (Status.CONVERGED, Status.BOUNDED, Status.NOT_UNIQUE)
+
+    @property
+    def is_solution(self) -> bool:
+        """Whether the state solves the discrete problem, up to a tolerance or rounding errors."""
+        return self.is_success or self in (Status.STAGNATED, Status.MESH_LIMIT)
 
 
 @dataclass(frozen=True, kw_only=True)

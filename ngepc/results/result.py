@@ -367,7 +367,8 @@ class DiscreteSolution(Result):
         gap, place = min(
             processes.all(min(zip(gaps, places, strict=True), default=(np.inf, [])))
         )
-        if np.isfinite(gap) and not touching:
+        solved = self.status.is_solution
+        if solved and 0 <= gap < np.inf and not touching:
             found.append(
                 f"Nothing touches the obstacle: the smallest gap left is {gap:.3g}"
                 f" at {tuple(float(f'{c:.4g}') for c in place)}."

@@ -1,5 +1,6 @@
 """Records, stored arrays, fingerprints and messages beside plain statements."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -182,3 +183,27 @@ def test_values_of_other_types_are_named(hint, value):
         value_of("it", hint, value)
     hole = value_of("it", float, float("nan"), holes=True)
     assert hole != hole
+
+
+def test_only_solutions_say_that_nothing_touches():
+    """A step that is not finished, or that penetrates, says nothing about contact."""
+    problem = Problem(
+        block.structured_mesh(2, 2),
+        METAL,
+        traction={"right": (0.5, 0.0)},
+        contact="contact",
+        gap=1.0,
+    )
+    solved = semismooth_newton(problem)
+    said = "Nothing touches the obstacle"
+    assert said in solved.message
+    for status in Status:
+        other = replace(solved, status=status, ending="")
+        assert (said in other.message) == status.is_solution
+    assert Status.MESH_LIMIT.is_solution
+    assert not Status.NONFINITE.is_solution
+    discrete = replace(problem, gap=-0.1)
+    inside = semismooth_newton(discrete, options=NewtonOptions(max_iterations=1))
+    inside = replace(inside, status=Status.STAGNATED)
+    assert inside.open_gap.min() < 0 or inside.contact_force > 0
+    assert said not in inside.message
