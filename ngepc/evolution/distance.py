@@ -26,9 +26,11 @@ from typing import Protocol
 
 import numpy as np
 
-from ngepc.bounds.bound import error_bound
+from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.checks.arguments import is_number
+from ngepc.evolution.memory import Memory
 from ngepc.local.result import ExactResult
+from ngepc.local.solver import solve_exactly
 from ngepc.model.data import same_fields
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
@@ -39,8 +41,13 @@ PROVED = {
     "material": "a material that changes between steps",
     "law": "a nonlinear hardening law",
     "springs": "springs that change between steps",
+    "means": "hardening that varies inside elements (its means on elements are taken)",
 }
 """Properties that the proof does not cover."""
+CONSTANT = 1e-10
+"""Relative variation of hardening on an element that counts as none."""
+TOLERANCE = 1e-9
+MOST_STEPS = 100
 
 
 class SolvedStep(Protocol):
@@ -84,7 +91,8 @@ def distance_of(steps: Sequence[SolvedStep]) -> DistanceBound:
     """
     if not steps:
         raise ValueError("steps: a history with a finished step is needed")
-    bounds = [error_bound(step.solution) for step in steps]
+    averaged = [problem_with_means(step.problem) for step in steps]
+    bounds = [bound_of_step(*pair) for pair in zip(steps, averaged, strict=True)]
     totals = np.array([max(bound.total, 0.0) for bound in bounds])
     problems = [step.problem for step in steps]
     material = problems[0].material
@@ -95,12 +103,40 @@ def distance_of(steps: Sequence[SolvedStep]) -> DistanceBound:
         "material": not all(same_data(p.material, material) for p in problems),
         "law": material.law is not None,
         "springs": any(changed),
+        "means": any(problem is not None for problem in averaged),
     }
     reasons = [PROVED[name] for name, there in found.items() if there]
     messages = {bound.message for bound in bounds if not bound.guaranteed}
     text = f"Not proved for {', '.join(reasons)}." if reasons else ""
     message = " ".join(filter(None, [text, *sorted(messages)]))
     return DistanceBound(np.sqrt(2 * np.cumsum(totals)), message)
+
+
+def problem_with_means(problem: Problem) -> Problem | None:
+    """The problem of a step with the means of its hardening on elements, as error bounds need it.
+
+    None where the hardening does not vary inside elements.
+    """
+    memory = Memory.initial(problem)
+    means = memory.as_bounds_need_it()
+    pairs = [(value, means.arrays[name]) for name, value in memory.arrays.items()]
+    if all(np.allclose(value, mean, CONSTANT, 0.0) for value, mean in pairs):
+        return None
+    return means.before(problem)
+
+
+def bound_of_step(step: SolvedStep, averaged: Problem | None) -> ErrorBound:
+    """The error bound of a step, or of the solution with ``averaged`` hardening.
+
+    RuntimeError if that is not found.
+    """
+    if averaged is None:
+        return error_bound(step.solution)
+    start = step.solution
+    solved = solve_exactly(
+        averaged, start, TOLERANCE, MOST_STEPS, "sparsecholesky", None
+    )
+    return error_bound(solved.raise_for_status())
 
 
 def same_data(one: Material, other: Material) -> bool:

@@ -258,7 +258,8 @@ class Evolution(Ending):
         """How far the last step is from that of the continuous problem with the same increments.
 
         In the energy norm: (2 sum B_n)^(1/2) with the error bound B_n of each step.  Proved for
-        order one, linear hardening and no contact, an estimate beyond, see its ``message``.
+        order one, linear hardening and no contact, an estimate beyond, see its ``message``: where
+        hardening varies inside elements, each step is solved again with its means on elements.
         ValueError for what has no error bound, and for steps that were solved with gamma.
         """
         return distance_of(self.steps)

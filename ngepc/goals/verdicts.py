@@ -176,7 +176,7 @@ def _of_history(history: Any) -> str:
         distance = history.distance_bound
     except (ValueError, RuntimeError):
         return f"The last step, from the state where it starts: {confidence(last)}"
-    size = math.sqrt(2 * error_bound(last).strain_energy)
+    size = math.sqrt(2 * strain_energy(last.state))
     part = distance.value / size if size > 0 else math.inf
     start = (
         "Guaranteed: the" if distance.guaranteed else "Estimate, not guaranteed: the"

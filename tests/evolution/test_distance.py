@@ -1,10 +1,21 @@
 """The distance of a history to the steps of the continuous problem."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from featured import problem_with
 
-from ngepc import Material, Norton, Problem, evolve, load_cycle
+from ngepc import (
+    Material,
+    Norton,
+    Problem,
+    Voce,
+    confidence,
+    error_bound,
+    evolve,
+    load_cycle,
+)
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.geometries import block
 
@@ -110,3 +121,35 @@ def test_springs_may_not_change():
     stiffer = {"springs": {"contact": 20.0}}
     bound = evolve(held, [(1.0, {}), (2.0, stiffer)]).distance_bound
     assert "springs that change between steps" in bound.message
+
+
+@pytest.mark.parametrize("name", ["isotropic", "Voce"])
+def test_hardening_that_varies_inside_elements_has_an_estimate(name):
+    """Of order two: its means on elements are taken.  The error is a norm of stresses."""
+    materials = MATERIALS | {
+        "Voce": Material.with_law(
+            lame_lambda=1.5e3, lame_mu=1e3, law=Voce(5.0, 2.0, 50.0), hardening=1e2
+        )
+    }
+    problem = replace(pulled(materials[name]), order=2)
+    schedule = load_cycle(problem, CYCLE)
+    history = evolve(problem, schedule)
+    bound = history.distance_bound
+    assert not bound.guaranteed
+    assert "its means on elements are taken" in bound.message
+    assert (np.diff(bound.by_step) > 0).all()
+    kept = evolve(problem, schedule, error=0.9).distance_bound
+    assert "means" not in kept.message
+    assert bound.by_step == pytest.approx(kept.by_step, rel=0.2)
+    line = confidence(history)
+    assert line.startswith("Estimate, not guaranteed: the stress after the last step")
+
+
+def test_the_first_step_needs_no_means():
+    """Its bound is that of its solution: nothing has hardened before."""
+    problem = replace(pulled(MATERIALS["isotropic"]), order=2)
+    history = evolve(problem, [(1.0, {})])
+    total = error_bound(history.steps[0].solution).total
+    bound = history.distance_bound
+    assert bound.value == pytest.approx(np.sqrt(2 * total), rel=1e-9)
+    assert "means" not in bound.message
