@@ -155,7 +155,7 @@ class ErrorBound:
 
         Elastic and hardening energy, and the dissipation of the step.
         """
-        return strain_energy(self.state)
+        return self.problem.kinematics.thickness * strain_energy(self.state)
 
     @property
     def relative(self) -> float:
@@ -514,10 +514,12 @@ def discrete_forces(state: State) -> np.ndarray:
 
 
 def strain_energy(state: State) -> float:
-    """See ``ErrorBound.strain_energy``; loads and rigid motions have no part in it."""
+    """See ``ErrorBound.strain_energy``; loads and rigid motions have no part in it.
+
+    The weights of the points contain the thickness of the problem that was solved.
+    """
     discrete = state.discrete
-    spent = discrete.points.integral(discrete.law.spent(state.at))
-    return discrete.problem.kinematics.thickness * spent
+    return discrete.points.integral(discrete.law.spent(state.at))
 
 
 def discrete_stress(state: State, tangent: Factors) -> tuple[np.ndarray, float]:

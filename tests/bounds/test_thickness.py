@@ -7,10 +7,12 @@ import pytest
 from featured import CYCLIC, LAW, PLAIN, PRESSED
 
 from ngepc import (
+    Coulomb,
     LoadWork,
     MeanDisplacement,
     Reaction,
     Schedule,
+    confidence,
     contact_force_bracket,
     displacement_bracket,
     error_bound,
@@ -49,6 +51,14 @@ def test_error_bounds_grow_like_the_thickness(name):
     assert found == pytest.approx(T * np.array(known), rel=1e-9)
     assert other.relative == pytest.approx(one.relative, rel=1e-9)
     assert other.problem.thickness == T
+
+
+def test_estimates_do_not_depend_on_the_thickness():
+    thin = replace(BODY, friction=Coulomb(0.3))
+    thick = replace(thin, thickness=T)
+    line = confidence(semismooth_newton(thin))
+    assert line.startswith("Estimate")
+    assert confidence(semismooth_newton(thick)) == line
 
 
 GOALS = [
