@@ -30,7 +30,9 @@ class Status(Enum):
         "Plastic strains grow without bound: the loads are at or beyond a limit load."
     )
     UNHELD = "Contact forces cannot balance the loads on a part without supports: no solution."
-    MESH_LIMIT = "The error bound is above the requested one, and a finer mesh is not allowed or no help."
+    MESH_LIMIT = (
+        "The error bound is too large, and a finer mesh is not allowed or of no help."
+    )
     STEP_LIMIT = (
         "The increments are less accurate than requested; shorter ones are not allowed."
     )
