@@ -323,7 +323,7 @@ def without_negative(per_cell: np.ndarray, total: float) -> np.ndarray:
     What edges and faces share is given to no element in particular.
     """
     positive = np.maximum(per_cell, 0.0)
-    if total <= 0 or not positive.any():
+    if total <= 0 or not positive.any() or not np.isfinite(total):
         return per_cell
     return positive * (total / positive.sum())
 

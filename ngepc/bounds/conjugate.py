@@ -290,6 +290,10 @@ class Conjugate:
         allowed = None
         for level in range(SPLIT_LEVELS[k] + 1):
             bound, estimate = self._plastic(s, weight, cell)
+            if np.isinf(
+                estimate
+            ).any():  # the integral is infinite, however it is split
+                return result + np.bincount(cell, bound, minlength=count)
             if allowed is None:
                 allowed = WORTH[k] * max(result.sum() + estimate.sum(), 0.0)
             left = ~worth_keeping(bound - estimate, allowed / 2)
@@ -400,7 +404,7 @@ class Conjugate:
         bound = np.where(finite, bound, np.inf)
         at_rule = np.linalg.norm(np.matmul(RULE[s.shape[1]], s), axis=2)
         estimate = _potential(columns, h[:, None], at_rule)
-        estimate = np.where(np.isfinite(estimate), estimate, 0.0) @ WEIGHTS[s.shape[1]]
+        estimate = estimate @ WEIGHTS[s.shape[1]]
         return bound, np.minimum(volume * estimate, bound)
 
 

@@ -29,7 +29,7 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.goal_bound import COVERS as GOALS
-from ngepc.goals.goal_bound import GoalBound, GoalProblem, thick_goal
+from ngepc.goals.goal_bound import GoalBound, GoalProblem, half_in_percent, thick_goal
 from ngepc.goals.goal_terms import is_mean
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance
@@ -60,6 +60,12 @@ SLOWEST = 1.6
 TOLERANCE = 1e-10  # the residual at which Newton stops if no small step stops it before
 # refinement continues after these statuses of Newton's method
 SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
+MOST_INFINITE = 6
+"""Refinement ends after so many successive meshes with an infinite error bound."""
+NO_BOUND = (
+    "The error bound is infinite, as the hardening law never reaches a stress in equilibrium: the "
+    "loads may be too large for it."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +101,7 @@ class MeshRecord:
     energy, total, algebraic, relative
         J(u), and the numbers of ``ErrorBound``.
     lower, upper
-        The interval of the goal; NaN without one.
+        The interval of the goal; NaN without one, infinite where the error bound is.
     """
 
     nodes: int
@@ -123,7 +129,8 @@ class BoundedResult:
     message
         Why it ended before the tolerance was reached; empty if it was reached.
     goal
-        The interval of the goal on the last mesh; None without a goal.
+        The interval of the goal on the last mesh; None without a goal, and where the error bound is
+        infinite.
     """
 
     result: ExactResult
@@ -229,29 +236,27 @@ def refined(
     interval: GoalBound | None = None
     while True:
         result, bound, steps, tools = solved(state, small, options)
+        before = interval
         if goal is not None:
-            near = None if interval is None else interval.factor
-            interval = tools.goals(bound).bound_of(goal, near)
+            interval = interval_of(goal, bound, tools, before)
         here = BoundedResult(result, bound, tolerance, records, "", interval)
-        records.append(mesh_record(here, steps))
+        records.append(mesh_record(here, steps, goal))
         message = ending(result, reported(records[-1], monitor))
-        message = message or about_zero(goal, records)
+        message = message or about_zero(before, interval) or never_finite(records)
         if message or here.reached:
             return replace(here, message=message)
 
         estimate = bound if interval is None else interval
         old = result.problem.mesh
-        part = planned_part(tolerance / here.relative_error, old.dim)
-        pace = pace.after(here.relative_error, part)
+        error = proved_error(here)
+        part = planned_part(tolerance / error, old.dim)
+        pace = pace.after(error, part)
         part = part / pace.slowness
         mesh, parents = refined_mesh(result.problem, estimate.per_cell, part, options)
         if mesh.nv > options.max_nodes:
-            message = (
-                f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
-            )
-            return replace(here, message=message)
+            return replace(here, message=too_fine(mesh, bound, options))
         state = carried_state(result, discrete_on(result, mesh, parents), parents)
-        small = SMALL_STEP * bound.total
+        small = SMALL_STEP * bound.total if math.isfinite(bound.total) else 0.0
 
 
 def thick_run(
@@ -302,10 +307,25 @@ def tolerance_of(
     return percent / 100
 
 
-def mesh_record(here: BoundedResult, steps: int) -> MeshRecord:
-    """The record of a mesh that took this number of Newton steps."""
+def interval_of(
+    goal: object, bound: ErrorBound, tools: Tools, before: GoalBound | None
+) -> GoalBound | None:
+    """The interval of a goal; None where the error bound is infinite.
+
+    ``before`` is the interval on the last mesh, if there is one.
+    """
+    if not math.isfinite(bound.total):
+        return None
+    near = None if before is None else before.factor
+    return tools.goals(bound).bound_of(goal, near)
+
+
+def mesh_record(here: BoundedResult, steps: int, goal: object) -> MeshRecord:
+    """The record of a mesh that took this number of Newton steps, with the interval of a goal."""
     bound = here.bound
-    interval = () if here.goal is None else here.goal.interval
+    interval = () if goal is None else (-math.inf, math.inf)
+    if here.goal is not None:
+        interval = here.goal.interval
     return MeshRecord(
         here.result.problem.mesh.nv,
         steps,
@@ -324,18 +344,43 @@ def ending(result: ExactResult, stopped: str) -> str:
     return result.ending or result.status.value
 
 
-def about_zero(goal: object, records: Sequence[MeshRecord]) -> str:
+def proved_error(here: BoundedResult) -> float:
+    """The relative error that the next mesh is planned by: of a goal, as the proof has it."""
+    if here.goal is None:
+        return here.relative_error
+    return half_in_percent(*here.goal.proved) / 100
+
+
+def too_fine(mesh: Mesh, bound: ErrorBound, options: Refinement) -> str:
+    """Why refinement ends before a mesh with too many nodes."""
+    limit = f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
+    unknown = "" if math.isfinite(bound.total) else NO_BOUND
+    return " ".join(filter(None, (limit, unknown)))
+
+
+def about_zero(before: GoalBound | None, now: GoalBound | None) -> str:
     """Why no mesh gives a percentage of a goal: two intervals lie around zero; empty otherwise.
 
     One alone may lie around zero by chance.
     """
-    last = records[-2:]
-    if goal is None or len(last) < 2:
+    found = (before, now)
+    if not all(goal is not None and is_around_zero(goal) for goal in found):
         return ""
-    if any(r.upper - r.lower <= HOPELESS * abs(r.upper + r.lower) / 2 for r in last):
+    return f"The {now.name} is about 0: no mesh gives it to a percentage."
+
+
+def is_around_zero(goal: GoalBound) -> bool:
+    """Whether zero is in the middle of an interval, as the proof has it."""
+    lower, upper = goal.proved
+    return HOPELESS * abs(lower + upper) / 2 < upper - lower < math.inf
+
+
+def never_finite(records: Sequence[MeshRecord]) -> str:
+    """Why refinement ends if the bound is infinite on the last meshes; empty otherwise."""
+    last = records[-MOST_INFINITE:]
+    if len(last) < MOST_INFINITE or any(math.isfinite(r.total) for r in last):
         return ""
-    name = goal.replace("_", " ") if isinstance(goal, str) else "goal"
-    return f"The {name} is about 0: no mesh gives it to a percentage."
+    return NO_BOUND
 
 
 def reported(record: MeshRecord, monitor: Callable[[MeshRecord], None] | None) -> str:

@@ -100,8 +100,7 @@ def contact_force_bracket(result: ExactResult) -> Bracket:
     require_covered(problem, "a bracket of a contact force", COVERS)
     if problem.contact_pairs or "contact at a clamp" in problem.features:
         found = goal_bound(result, "contact_force")
-        ends = max(found.lower, 0.0), found.upper
-        return Bracket(*ends, force, found.guaranteed, found.message)
+        return Bracket(*found.interval, force, found.guaranteed, found.message)
     if not problem.contact_names:
         raise ValueError("contact=None: a contact force needs contact")
 

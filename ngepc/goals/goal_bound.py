@@ -104,7 +104,7 @@ class GoalBound:
     name
         The goal.
     lower, upper
-        The interval.
+        The interval; of a contact force, which is not negative, its part from zero on.
     discrete
         The goal of the result; of a displacement at a point in a quadrilateral or hexahedron that
         of the triangle or tetrahedron that it is cut into.
@@ -122,6 +122,8 @@ class GoalBound:
         thickness one.
     note
         How the goal was changed to make it continuous.
+    below
+        By how much the interval of the proof reaches below ``lower``, >= 0.
     """
 
     name: str
@@ -135,6 +137,12 @@ class GoalBound:
     pair: Adjoint = field(repr=False)
     terms: GoalTerms = field(repr=False)
     note: str = ""
+    below: float = field(default=0.0, repr=False)
+
+    @property
+    def proved(self) -> tuple[float, float]:
+        """The interval of the proof, that of receipts; it may go below zero."""
+        return self.lower - self.below, self.upper
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -154,11 +162,7 @@ class GoalBound:
     @property
     def percent(self) -> float:
         """Half the width in percent of the size of the middle."""
-        if self.width == 0:
-            return 0.0
-        if self.middle == 0 or not math.isfinite(self.width):
-            return math.inf
-        return 50 * self.width / abs(self.middle)
+        return half_in_percent(self.lower, self.upper)
 
     @property
     def guaranteed(self) -> bool:
@@ -196,6 +200,17 @@ class GoalBound:
         return f"{self.name}: {interval_in_words(self.lower, self.upper, self.kind)}"
 
 
+def half_in_percent(lower: float, upper: float) -> float:
+    """Half the width of an interval in percent of the size of its middle."""
+    width = upper - lower
+    middle = (lower + upper) / 2
+    if width == 0:
+        return 0.0
+    if middle == 0 or not math.isfinite(width):
+        return math.inf
+    return 50 * width / abs(middle)
+
+
 def interval_of_elements(
     goal: GoalBound, problem: Problem, parents: np.ndarray
 ) -> GoalBound:
@@ -220,6 +235,7 @@ def thick_goal(goal: GoalBound, problem: Problem) -> GoalBound:
         adjoint=size**2 / t * goal.adjoint,
         factor=size / t * goal.factor,
         per_cell=size * goal.per_cell,
+        below=size * goal.below,
     )
 
 
@@ -474,9 +490,11 @@ class GoalProblem:
         above, below = chosen.suprema
         per_cell = (above + below) / 2
         per_cell += np.bincount(contact.owner, opened, minlength=len(per_cell))
+        proved = centre - float(below.sum() + opened.sum()) - rounding
+        lower = max(proved, 0.0) if terms.is_contact_force else proved
         return GoalBound(
             terms.name,
-            centre - float(below.sum() + opened.sum()) - rounding,
+            lower,
             centre + float(above.sum() + opened.sum()) + rounding,
             discrete,
             self.bound,
@@ -486,6 +504,7 @@ class GoalProblem:
             adjoint,
             terms,
             terms.note,
+            lower - proved,
         )
 
     def _rounding(self, terms: GoalTerms, chosen: Candidate, discrete: float) -> float:

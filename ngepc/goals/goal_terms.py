@@ -140,6 +140,11 @@ class GoalTerms:
     lower: GoalTerms | None = None
     is_mean: bool = False
 
+    @property
+    def is_contact_force(self) -> bool:
+        """Whether it is the resultant of contact pressures, none of which are negative."""
+        return self.load is None and self.motion is None
+
     def forces(self, discrete: DiscreteProblem) -> np.ndarray:
         """Nodal forces of the load, (nodes, N)."""
         if self.load is None:

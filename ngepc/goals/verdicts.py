@@ -13,7 +13,13 @@ from ngsolve import ET, CoefficientFunction, IfPos, Mesh
 from ngepc.bounds.bound import error_bound, solved_problem, strain_energy
 from ngepc.checks.arguments import require_number
 from ngepc.checks.sentences import at_most_percent, in_percent
-from ngepc.goals.adaptive import BoundedResult, MeshRecord, Refinement, solve_to
+from ngepc.goals.adaptive import (
+    NO_BOUND,
+    BoundedResult,
+    MeshRecord,
+    Refinement,
+    solve_to,
+)
 from ngepc.goals.goal_bound import GoalBound
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import solve_exactly
@@ -37,20 +43,20 @@ class Verdict:
     outcome
         "PASS", "FAIL" or "UNDECIDED".
     goal
-        The interval that decided, or was reached.
+        The interval that decided, or was reached; None if the error bound is always infinite.
     run
         The meshes that were needed.
     """
 
     outcome: str
-    goal: GoalBound
+    goal: GoalBound | None
     run: BoundedResult = field(repr=False)
     sentence: str
 
     @property
     def guaranteed(self) -> bool:
         """Whether the interval is proved, see ``GoalBound.guaranteed``."""
-        return self.goal.guaranteed
+        return self.goal is not None and self.goal.guaranteed
 
     def __str__(self) -> str:
         return f"{self.outcome}: {self.sentence}"
@@ -85,7 +91,7 @@ def verdict(
     -------
     Verdict
         PASS if the whole interval satisfies the limit, FAIL if no part of it does, UNDECIDED if the
-        limit lies inside the interval.
+        limit lies inside the interval, or no mesh gave one.
 
     Raises
     ------
@@ -114,16 +120,17 @@ def verdict(
             raise StopIteration
 
     run = solve_to(problem, options=options, monitor=decided, goal=goal, percent=FINEST)
+    required = f"required: {name.replace('_', ' ')} {limit:g}."
     found = run.goal
+    if found is None:
+        words = f"no interval, {required} {NO_BOUND} {run.result.ending}".rstrip()
+        return Verdict(UNDECIDED, None, run, words)
     outcome = UNDECIDED
     if found.upper <= limit:
         outcome = PASS if above else FAIL
     if found.lower >= limit:
         outcome = FAIL if above else PASS
-    words = name.replace("_", " ")
-    sentence = " ".join(
-        filter(None, (f"{found}, required: {words} {limit:g}.", found.message))
-    )
+    sentence = " ".join(filter(None, (f"{found}, {required}", found.message)))
     return Verdict(outcome, found, run, sentence)
 
 

@@ -2,12 +2,21 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from ngsolve import CF, L2, GridFunction, Integrate, Mesh, VectorValued, x, y
 
-from ngepc import Material, Problem, lshape_problem, semismooth_newton
+from ngepc import (
+    Material,
+    MeanDisplacement,
+    Problem,
+    Voce,
+    lshape_problem,
+    semismooth_newton,
+    verdict,
+)
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.simplices import marked
 from ngepc.bounds.transfer import bisected, bisected_to, carried_state, on_mesh
@@ -269,17 +278,20 @@ def test_a_goal_that_is_zero_ends_at_the_second_mesh():
     run = solve_to(problem, goal="contact_force")
     assert not run.reached
     assert len(run.records) == 2
-    assert run.goal.lower <= 0.0 <= run.goal.upper
+    assert run.goal.lower == 0.0 < run.goal.upper
+    assert run.goal.proved[0] < 0.0
     assert "The contact force is about 0" in run.message
 
 
 def test_one_interval_around_zero_does_not_end_a_run():
-    wide = adaptive.MeshRecord(9, 1, 0.0, 1.0, 0.0, 1.0, -1.0, 1.0001)
-    narrow = replace(wide, lower=0.5, upper=0.6)
-    assert not adaptive.about_zero("work", [wide])
-    assert not adaptive.about_zero("work", [narrow, wide])
-    assert not adaptive.about_zero(None, [wide, wide])
-    assert "goal is about 0" in adaptive.about_zero(object(), [narrow, wide, wide])
+    wide = SimpleNamespace(name="work", proved=(-1.0, 1.0001))
+    narrow = SimpleNamespace(name="work", proved=(0.5, 0.6))
+    infinite = SimpleNamespace(name="work", proved=(-math.inf, math.inf))
+    assert not adaptive.about_zero(None, wide)
+    assert not adaptive.about_zero(narrow, wide)
+    assert not adaptive.about_zero(infinite, infinite)
+    assert not adaptive.about_zero(None, None)
+    assert "The work is about 0" in adaptive.about_zero(wide, wide)
 
 
 def test_infinite_indicators_divide_all_elements():
@@ -290,3 +302,51 @@ def test_infinite_indicators_divide_all_elements():
     finer, parents = refined_mesh(problem, per_cell, 0.45, Refinement())
     assert len(parents) == finer.ne
     assert np.bincount(parents).mean() > 1.9
+
+
+def saturating(load):
+    """A plate on rollers under a law that saturates, pulled most at the corner of its side."""
+    return Problem(
+        block.structured_mesh(1, 1, size=(1.0, 1.0), simplices=True),
+        Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=Voce(1.5, 1.0, 50.0)),
+        None,
+        prescribed={"left": (0.0, None), "clamped": (None, 0.0)},
+        traction={"right": (load * y, 0.0)},
+        order=1,
+    )
+
+
+def test_a_finer_mesh_may_have_a_bound():
+    """On two meshes no stress of the law is in equilibrium, on the third one there is one."""
+    problem = saturating(2.7)
+    goal = MeanDisplacement("right", 0)
+    run = solve_to(problem, goal=goal, percent=30.0)
+    assert (run.records[0].lower, run.records[0].upper) == (-math.inf, math.inf)
+    assert not math.isfinite(run.records[0].total)
+    assert run.reached
+    found = verdict(problem, goal, at_most=2 * run.goal.upper)
+    assert found.outcome == "PASS"
+
+
+def test_a_bound_that_stays_infinite_ends_the_run():
+    """At the limit of what the law carries: the run says so, and the verdict is undecided."""
+    problem = saturating(2.8)
+    few = Refinement(max_nodes=60)
+    run = solve_to(problem, 0.1, few)
+    assert not run.reached
+    assert adaptive.NO_BOUND in run.message
+    found = verdict(problem, MeanDisplacement("right", 0), at_most=1.0, options=few)
+    assert found.outcome == "UNDECIDED"
+    assert found.goal is None
+    assert not found.guaranteed
+    assert str(found).startswith("UNDECIDED: no interval, required: at most 1. The err")
+    beyond = verdict(saturating(3.5), MeanDisplacement("right", 0), at_most=1.0)
+    assert str(beyond).endswith("the loads are at or beyond the limit load.")
+
+
+def test_six_meshes_without_a_bound_are_enough():
+    unknown = adaptive.MeshRecord(9, 1, 0.0, math.inf, 0.0, math.inf)
+    known = replace(unknown, total=1.0)
+    assert not adaptive.never_finite([unknown] * 5)
+    assert not adaptive.never_finite([known, *[unknown] * 5])
+    assert adaptive.never_finite([known, *[unknown] * 6]) == adaptive.NO_BOUND

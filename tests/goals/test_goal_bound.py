@@ -460,7 +460,10 @@ def test_without_contact_the_interval_of_the_force_is_short(gap):
     problem = replace(in_units(1.0, 1.0), gap=gap)
     force = goal_bound(semismooth_newton(problem), "contact_force")
     assert force.discrete == 0.0
-    assert force.width <= 2.2 * force.bound.total / (0.9 * gap)
+    assert force.lower == 0.0
+    lower, upper = force.proved
+    assert lower < 0.0
+    assert upper - lower <= 2.2 * force.bound.total / (0.9 * gap)
 
 
 def test_without_hardening_lambda_grows_until_the_interval_is_finite():
