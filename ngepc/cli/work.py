@@ -96,7 +96,8 @@ def solve(args: argparse.Namespace) -> int:
         record["error_bound"] = bound.relative
         record["guaranteed"] = bound.guaranteed
         error = f"at most {at_most_percent(bound.relative, 3)}, {bound.kind}"
-    summarise(record, error, args.json, args.quiet)
+    interval = "" if goal is None else str(goal)
+    summarise(record, error, args.json, args.quiet, interval)
     written = []
     how = "use --save FILE to be able to resume"
     if args.save is not None:
@@ -198,7 +199,6 @@ def _refined(
     else:
         percent = 1.0 if args.percent is None else args.percent
         bounded = solve_to(problem, goal=args.goal, percent=percent, monitor=note)
-        report(str(bounded.goal))
     result = bounded.result
     if result.status.is_success and not bounded.reached:
         result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)
@@ -217,7 +217,12 @@ def _start(
         raise ValueError(
             f"--start {args.start}: zero, coarse or a file of --save is needed"
         )
-    return load_run(Path(args.start))[2]
+    record, _, state = load_run(Path(args.start))
+    if record["problem"] != args.problem:
+        raise ValueError(
+            f"--start {args.start}: a run of {record['problem']}, one of {args.problem} is needed"
+        )
+    return state
 
 
 def limit(args: argparse.Namespace) -> int:
@@ -505,12 +510,18 @@ def name_written(paths: Iterable[Path]) -> None:
 
 
 def summarise(
-    record: dict, error: str, target: Path | None, quiet: bool, **other: object
+    record: dict,
+    error: str,
+    target: Path | None,
+    quiet: bool,
+    interval: str = "",
+    **other: object,
 ) -> None:
     """Write a summary of a solve to standard output, and the record into ``target``.
 
     A ``target`` '-' puts the JSON on standard output instead; ``quiet`` leaves out the rest;
-    ``error`` says how far the bound goes, ``other`` entries stand in place of those of the record.
+    ``error`` says how far the bound goes, ``interval`` what is known of a goal; ``other`` entries
+    stand in place of those of the record.
     """
     if str(target) == "-":
         sys.stdout.write(records.to_json(record))
@@ -531,10 +542,13 @@ def summarise(
         "-J*": f"{-record['dual_energy']:.10g}",
         "contact force": f"{record['contact_force']:.7g}",
         "energy error": error,
+        "goal": interval,
         "time": f"{record['wall_time_s']:.2f} s",
     }
     sys.stdout.write(
-        "".join(f"{label:13s}  {value}\n" for label, value in lines.items())
+        "".join(
+            f"{label:13s}  {value}\n" for label, value in lines.items() if value != ""
+        )
     )
     sys.stdout.write(f"{record['message']}\n" if record["message"] else "")
     name_written([] if target is None else [target])

@@ -447,6 +447,7 @@ def test_a_goal_that_is_zero_is_not_refined_to_a_percentage(capsys):
     assert main(["solve", "wrench", "--goal", "contact_force"]) == 1
     written = capsys.readouterr()
     assert "The contact force is about 0" in written.out
+    assert "goal           contact force: between 0 and " in written.out
     assert written.err.count("nodes") == 2
 
 
@@ -456,6 +457,25 @@ def test_a_goal_has_its_interval_in_record_and_picture(tmp_path, capsys):
     assert record["goal_lower"] < 2.742 < record["goal_upper"]
     assert record["goal_upper"] - record["goal_lower"] < 0.2 * record["goal_upper"]
     assert (tmp_path / "lshape_interval.png").is_file()
+
+
+def test_the_summary_has_the_interval_of_a_goal(capsys):
+    asked = ["lshape", "--nodes", "225", "--goal", "work", "--percent", "10"]
+    assert main(["solve", *asked]) == 0
+    out = capsys.readouterr().out
+    assert "goal           work of the loads: " in out
+    assert "percent (between " in out
+    assert main(["solve", "lshape", "--nodes", "113"]) == 0
+    assert "goal" not in capsys.readouterr().out
+
+
+def test_a_start_from_another_body_is_refused(tmp_path, capsys):
+    saved = str(tmp_path / "run.npz")
+    assert main(["solve", "lshape", "--nodes", "113", "--save", saved]) == 0
+    capsys.readouterr()
+    assert main(["solve", "wrench", "--start", saved]) == 2
+    assert "a run of lshape, one of wrench is needed" in capsys.readouterr().err
+    assert main(["solve", "lshape", "--nodes", "225", "--start", saved]) == 0
 
 
 @pytest.mark.parametrize("asked", [{"goal": "work"}, {"error": 0.1}])
