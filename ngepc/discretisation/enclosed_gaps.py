@@ -117,6 +117,7 @@ def _values_on(mesh: Mesh, name: str, shape: ET) -> Values:
     points = mesh.MapToAllElements({shape: rule}, mesh.Boundaries(name))
 
     def values(value: CoefficientFunction) -> np.ndarray:
+        """See ``Values``."""
         return np.asarray(value(points)).reshape(-1, len(rule), value.dim)
 
     return values

@@ -15,6 +15,7 @@ from functools import reduce
 from operator import add
 
 import numpy as np
+from netgen.meshing import NgException
 from ngsolve import CoefficientFunction, GridFunction, Parameter
 
 from ngepc.linalg.intervals import Intervals, enclosing
@@ -24,6 +25,8 @@ DEEPEST = 200
 """Expressions that are nested more deeply are not read."""
 UNIT = 1e-15
 """Rounding errors of NGSolve's unit normals."""
+NOT_ARCHIVED = (NgException, RuntimeError, TypeError)
+"""What NGSolve raises for coefficients that its archive does not know."""
 
 Values = Callable[[CoefficientFunction], np.ndarray]
 """Gives the values of a coefficient at points of the facets, (facets, points, components)."""
@@ -134,7 +137,7 @@ def _opened(value: CoefficientFunction) -> tuple[str, bytes, list[CoefficientFun
     """Kind, remaining data and operands of a coefficient."""
     try:
         archive = value.data
-    except Exception as error:
+    except NOT_ARCHIVED as error:
         raise NotReadError from error
     data = archive["data"]
     (length,) = struct.unpack("<i", data[4:8])
@@ -406,6 +409,7 @@ def _each(
     """The rule that applies a function to each component."""
 
     def rule(here: Enclosing, part: Operation) -> list[Jet]:
+        """The function of each component of the operand."""
         return [function(one) for one in here.of(part.operands[0])]
 
     return rule
