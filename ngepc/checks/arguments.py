@@ -5,7 +5,7 @@ Each failure, a TypeError or a ValueError, names the argument, its value and wha
 
 import math
 import numbers
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import inf
 
 import numpy as np
@@ -175,7 +175,8 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     asked = f"{argument}={in_words(value)}: "
     listed = isinstance(parts, Sequence) and not isinstance(parts, bytes)
     if not listed or not all(isinstance(part, str) for part in parts):
-        raise TypeError(f"{asked}a boundary name or several ('left|right') are needed")
+        needed = "a boundary name or several ('left|right') are needed"
+        raise TypeError(f"{asked}{needed}{hint_at_displacements(argument, value)}")
     known = sorted(set(mesh.GetBoundaries()))
     for part in parts:
         if part not in known:
@@ -192,6 +193,13 @@ def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     if not parts:
         raise ValueError(f"{asked}at least one boundary name is needed")
     return tuple(dict.fromkeys(parts))
+
+
+def hint_at_displacements(argument: str, value: object) -> str:
+    """Where displacements of boundaries belong, if they were given as ``clamped``."""
+    if argument != "clamped" or not isinstance(value, Mapping):
+        return ""
+    return "; prescribed={'left': (0, None)} takes displacements"
 
 
 def corner_rules(dim: int) -> dict[ET, IntegrationRule]:

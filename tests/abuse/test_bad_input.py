@@ -612,6 +612,10 @@ PROBLEMS = {
     ),
 }
 PROBLEM_TYPES = {
+    "displacements for clamped": (
+        {"clamped": {"clamped": (0, None)}},
+        "prescribed={'left': (0, None)} takes displacements",
+    ),
     "pressure at a point": (
         {"pressure": {Point((0.0, 1.0)): 1.0}},
         "a boundary name or several",
