@@ -22,7 +22,7 @@ METHODS = {
     "exact": solver.COVERS,
     "primal": energy.COVERS,
     "gamma": blocks.COVERS,
-    "bound": bounds.COVERS,
+    "bound": bounds.WITH_ROLLERS,
     "goal": goal_bound.COVERS,
     "receipt": receipt.COVERS,
     "bracket": brackets.COVERS,

@@ -174,3 +174,11 @@ def pressed_body(shape, kinematics=None, order=1, material=STEEL):
 def flat_problem(mesh, *arguments, **named):
     """A Problem with the law of the paper: tensors as large as the mesh has dimensions."""
     return Problem(mesh, *arguments, kinematics=FLAT[mesh.dim], **named)
+
+
+def moved_by(turn, mesh):
+    """The mesh with its points mapped by a matrix."""
+    for point in mesh.ngmesh.Points():
+        for i, value in enumerate(turn @ np.array(point.p)[: len(turn)]):
+            point[i] = float(value)
+    return Mesh(mesh.ngmesh)

@@ -7,8 +7,10 @@ unknowns on each edge and three on each triangle, see ``element``.
 The stresses must not change given tractions: on a connected part of the traction boundary the
 function is affine.  On one part it is set to zero with its gradient; on the others the three
 coefficients of the affine function are unknowns, called ``modes``: the resultants of the tractions
-between the parts.  On rollers, where one component c of the traction is given, the derivative with
-respect to the other coordinate is constant.
+between the parts.  On rollers, where the traction is free along one direction d, the derivative
+along d is constant: the part of the normal derivative that the vertices do not determine is
+minus (d . t)/(d . n) times that of the tangential one.  At vertices of rollers along no axis the
+gradient has the coordinates of ``RollerFrames``.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.element import LEGS, NORMALS, PAIRS, airy_stresses
+from ngepc.bounds.frames import RollerFrames
 from ngepc.bounds.polynomials import AT_NODES, RULE, SIX, WEIGHTS, portions
 from ngepc.bounds.simplices import Simplices, by_cells
 
@@ -131,26 +134,25 @@ class AirySpace:
         """Fixed unknowns of vertices; edges whose unknowns ``bend`` and ``even`` are free."""
         c = self._cells
         given = self._boundary.given
-        row = np.arange(len(self._cells.facets))
-        both = c.outer & given.all(axis=1)
-        single = c.outer & given.any(axis=1) & ~both
-        component = np.where(given[:, 0], 0, 1)
-        level = np.abs(c.normal) < LEVEL
-        across = single & level[row, component]
-        along = single & level[row, 1 - component]
-        closed = both | (single & ~across & ~along)
+        closed = c.outer & given.all(axis=1)
+        closed[self._boundary.slanted] = False
+        single = c.outer & given.any(axis=1) & ~given.all(axis=1)
+        self._directions = np.where(single[:, None], ~given, 0.0)
+        self._directions[self._boundary.slanted] = self._boundary.directions
+        rolled = self._directions.any(axis=1)
+        across = np.abs(np.einsum("ei,ei->e", self._directions, c.normal)) > LEVEL
         # edges along which the function is affine:
-        self._affine = closed | along
-        self._constant = [
-            closed | ((component == k) & (across | along)) for k in (0, 1)
-        ]
+        self._affine = closed | (rolled & ~across)
+        self._constant = [closed | (single & given[:, k]) for k in (0, 1)]
         vertex = np.zeros((len(c.points), 3), dtype=bool)
         vertex[c.facets[self._affine].ravel(), 0] = True
         for k, edges in enumerate(self._constant):  # of dPhi/dx_(1 - k)
             vertex[c.facets[edges].ravel(), 2 - k] = True
+        self.frames = RollerFrames(self._boundary, vertex[:, 1:])
+        vertex[self.frames.vertices, 1:] = self.frames.held
         for body in self._bodies:  # what no stress sees
             most = body[vertex[body].sum(axis=1).argmax()]
-            vertex[most] |= ~vertex[body].any(axis=0)
+            vertex[most] |= self.frames.missing(vertex, body, most)
         return vertex.ravel(), ~(closed | across), ~self._affine
 
     def modes(self) -> np.ndarray:
@@ -159,13 +161,11 @@ class AirySpace:
         free = self.free[: self.vertices]
         held = np.flatnonzero(~free)
         length = c.measure.mean()
-        count = ~free.reshape(-1, 3) * (~free.reshape(-1, 3)).sum(axis=1, keepdims=True)
+        pins = np.zeros((3 * len(self._bodies), self.vertices))
+        for k, body in enumerate(self._bodies):  # what no stress sees
+            pinned = self.frames.pinned(~free.reshape(-1, 3), body)
+            pins[3 * k + np.arange(3), pinned] = 1.0
         rows = []
-        for body in self._bodies:  # what no stress sees
-            pinned = 3 * body[count[body].argmax(axis=0)] + np.arange(3)
-            row = np.zeros((3, self.vertices))
-            row[np.arange(3), pinned] = 1.0
-            rows.append(row)
         for k, edges in enumerate(self._constant):
             row = np.zeros((edges.sum(), self.vertices))
             for end, sign in zip(c.facets[edges].T, (-1.0, 1.0), strict=True):
@@ -179,7 +179,9 @@ class AirySpace:
             row[there, 3 * start + 1 + k] = (
                 c.points[start, k] - c.points[end, k]
             ) / length
-        equations = np.concatenate([*rows, row])[:, held]
+        rows += [row, self.frames.equations(self.vertices)]
+        turned = self.frames.into(np.concatenate(rows))
+        equations = np.concatenate([pins, turned])[:, held]
         squares = equations.T @ equations
         _, vectors = eigh(squares, subset_by_value=(-np.inf, LEVEL * squares.max()))
         result = np.zeros((vectors.shape[1], len(self.free)))
@@ -195,9 +197,10 @@ class AirySpace:
 
     def gathered(self, local: np.ndarray) -> np.ndarray:
         """Sums over the triangles of values for their unknowns (n, nt)."""
-        return np.bincount(
+        sums = np.bincount(
             self.unknowns.ravel(), local.ravel(), minlength=len(self.free)
         )
+        return self.frames.into(sums)
 
     def _set_maps(self) -> None:
         """The parts of the map from the unknowns of a triangle to those of the reference.
@@ -205,7 +208,8 @@ class AirySpace:
         ``_J`` (2, 2, nt) maps the gradients at the vertices.  The unknowns of the edges are
         multiplied by ``_across`` (3, nt); the first kind has ``_along`` (3, nt) times the products
         of ``EDGE_ROWS`` with values and gradients of the reference in addition, the third kind the
-        signs ``_odd`` and ``_even`` (3, nt) times the second kind.
+        signs ``_odd`` and ``_even`` (3, nt) times the second kind.  On rollers these kinds are
+        what the normal derivative has beyond that of a constant derivative along d.
         """
         c = self._cells
         J = c.jacobian.transpose(2, 1, 0).copy()
@@ -217,6 +221,11 @@ class AirySpace:
         self._J = J
         self._across = across
         self._along = np.einsum("kjt,kjt->kt", directions, tangents) / size
+        d = self._directions.T[:, c.facet_of.T]
+        over = np.einsum("jkt,jkt->kt", d, normal)
+        beside = np.einsum("jkt,kjt->kt", d, tangents) / size
+        slope = np.where(np.abs(over) > LEVEL, beside / np.where(over, over, 1.0), 0.0)
+        self._along -= across * slope
         self._even = self._along
         self._odd = np.where(c.place[:, :, 0].T == 0, across, -across)
 
@@ -290,7 +299,9 @@ class AirySpace:
         for cells in portions(nt, AT_ONCE):
             part = self.of(cells)
             K = (table @ part._compliances(H[cells])).reshape(n, n, -1)
-            whole, cross[..., cells], rest[..., cells] = part._blocks(K)
+            whole, beside, rest[..., cells] = part._blocks(K)
+            self.frames.turn(whole, beside, part.unknowns[:9:3] // 3)
+            cross[..., cells] = beside
             for pair, (a, b) in enumerate(zip(*LOWER, strict=True)):
                 corners[pair, ..., cells] = whole[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
         return corners, cross, rest
@@ -299,6 +310,7 @@ class AirySpace:
         """In-plane stress coordinates at the points, (nt, points, 3), of all unknowns x."""
         points = len(self.rule.weights)
         result = by_cells(len(self.det), points, 3)
+        x = self.frames.out_of(x)
         for cells in portions(len(result)):
             part = self.of(cells)
             reference = self.rule.rows @ part._on_reference(x[part.unknowns] / part.det)

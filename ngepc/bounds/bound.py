@@ -35,6 +35,7 @@ from ngepc.bounds.data import (
 from ngepc.bounds.held import holding_pressure
 from ngepc.bounds.plane import PlaneBoundData
 from ngepc.bounds.revolution import RevolutionData, discrete_gap
+from ngepc.bounds.rollers import by_nodes, result_by_nodes
 from ngepc.bounds.sizes import check_sizes
 from ngepc.bounds.solid import SolidBoundData
 from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
@@ -228,13 +229,14 @@ def error_bound(result: object) -> ErrorBound:
         return thickened(error_bound(of_thickness_one(with_state(result))), problem)
     if has_more_corners(problem.mesh):
         check_free_of_functions(problem)
-        result = with_state(result)
+        result = result_by_nodes(with_state(result))
         check_sizes(result.state)
         return bound_on_simplices(result)
     if not isinstance(result, ExactResult):
         if not problem.contact_pairs:
             data_on(DiscreteProblem(problem))  # refuses boundary data
         result = with_state(result)
+    result = result_by_nodes(result)
     check_sizes(result.state)
     bound = None if problem.kinematics.hoop else bound_on_copy(result)
     return bound or bound_of(data_on(result.discrete), result.state)
@@ -417,7 +419,7 @@ def bound_data_of(discrete: DiscreteProblem) -> BoundData:
     ValueError for a problem that no bound covers.
     """
     check_covered(discrete.problem)
-    return data_on(discrete)
+    return data_on(by_nodes(discrete))
 
 
 def data_on(discrete: DiscreteProblem) -> BoundData | RevolutionData:

@@ -97,6 +97,8 @@ class Boundary(OuterFacets):
     """Loads, supports and obstacles on each facet of the outer boundary.
 
     ``given`` (nf, N) marks the components of the traction that are known, on contact facets too.
+    Facets on rollers along no axis are ``slanted``: of their tractions all is known but the part
+    along the unit vectors ``directions`` (slanted facets, N); ``given`` marks all components.
     ``moments`` (nf, N, N) are the moments of g with the hat functions of each facet's vertices
     (force), zero elsewhere.  ``uneven`` has the facets with tractions, and for each the mean of
     r r' (., N, N), where r is g less the affine function with these moments.  ``contact`` are the
@@ -121,6 +123,7 @@ class Boundary(OuterFacets):
         N = cells.N
         self.given = np.repeat(cells.outer[:, None], N, axis=1)
         self.given[self.facet] &= ~self._held()
+        self._read_rollers()
         self.moments = np.zeros((len(cells.facets), N, N))
         self._read_tractions()
         self._read_springs()
@@ -146,6 +149,33 @@ class Boundary(OuterFacets):
             self.affine(argument, value, on)
         return held
 
+    def _read_rollers(self) -> None:
+        directions = np.zeros((len(self.cells.facets), self.problem.N))
+        for name, roller in self.problem.rollers.items():
+            argument = f"prescribed[{name!r}]"
+            on = self.on((name,), argument)
+            self.affine(argument, roller.value, on)
+            facets = self.facet[on]
+            if not self.given[facets].all() or directions[facets].any():
+                raise ValueError(
+                    f"{argument}: bounds need rollers on sides without other supports"
+                )
+            d = self.cells.normal[facets]
+            if roller.direction is not None:
+                d = np.array(roller.direction, dtype=float)
+                d = d / np.linalg.norm(d)
+            directions[facets] = d
+        self.slanted = np.flatnonzero(directions.any(axis=1))
+        self.directions = directions[self.slanted]
+
+    def known(self, facets: np.ndarray) -> np.ndarray:
+        """Projections (facets, N, N) of tractions on the parts that no support takes."""
+        N = self.problem.N
+        d = np.zeros((len(self.given), N))
+        d[self.slanted] = self.directions
+        d = d[facets]
+        return self.given[facets][:, None] * np.eye(N) - d[:, :, None] * d[:, None]
+
     def _read_tractions(self) -> None:
         tractions = self.problem.tractions
         rule = self.rule
@@ -156,7 +186,8 @@ class Boundary(OuterFacets):
         moments = np.einsum("q,qa,eqi->eai", rule.weights, rule.shares, values)
         affine = N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
         facets = self.facet[on]
-        rest = np.where(self.given[facets][:, None], values - rule.shares @ affine, 0.0)
+        known = self.known(facets)
+        rest = np.matmul(values - rule.shares @ affine, known)
         rest[
             :,
             np.abs(rest).max(initial=0.0) <= CONSTANT * np.abs(values).max(initial=0.0),
@@ -168,8 +199,7 @@ class Boundary(OuterFacets):
             scan = self.scan(traction, self._name == name)
             for number in scan.hidden.tolist():
                 place = row[number]
-                given = self.given[facets[place]]
-                found = hidden_traction(scan.rule(number), given)
+                found = hidden_traction(scan.rule(number), known[place])
                 moments[place], squares[place] = found
         self.moments[facets] = self.at_vertices(moments, on)
         self.uneven = (facets, squares)
@@ -290,19 +320,21 @@ class Boundary(OuterFacets):
 
 
 def hidden_traction(
-    rule: HiddenRule, given: np.ndarray
+    rule: HiddenRule, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moments with the hat functions (N, N), and the mean square of the non-affine part (N, N).
 
-    ``given`` marks the components that no support prescribes.
+    ``known`` (N, N) projects on what no support takes.  Of vectors r whose components have the
+    squares s the matrix r r' is at most N diag(s).
     """
     N = rule.shares.shape[1]
     size = rule.weights.sum()
     moments = rule.shares.T @ (rule.weights[:, None] * rule.values)
     affine = N * (N + 1) * (moments - moments.sum(axis=0) / (N + 1)) / size
-    rest = np.where(given, rule.values - rule.shares @ affine, 0.0)
+    rest = (rule.values - rule.shares @ affine) @ known
     squares = (rule.weights[:, None] * rest).T @ rest
-    squares += np.diag(np.where(given, rule.unresolved, 0.0))
+    mixed = (known != np.diag(np.diag(known))).any()
+    squares += known @ np.diag(rule.unresolved) @ known * (N if mixed else 1)
     return moments, squares / size
 
 

@@ -191,7 +191,7 @@ class ContactFacets:
 
         RuntimeError where supports prevent that at a vertex or an edge.
         """
-        u = np.where(self.discrete.supports.free, u, self.discrete.supports.values)
+        u = self.discrete.supports.admissible(u)
         rounding = CLEAR * np.abs(u).max(initial=0.0)
         for _ in range(NORMAL_PASSES):
             stuck = self.slack(u)[:, : self.N].min(initial=0.0) < -rounding
@@ -234,13 +234,13 @@ class ContactFacets:
         node of several facets the largest amount is taken, so that the gap of each facet is kept.
         Of two bodies both move, if supports allow that.
         """
-        free = self.discrete.supports.free
+        supports = self.discrete.supports
         nodes = self.nodes[:, column]
-        n = np.where(free[nodes], self.normal, 0.0)
+        n = supports.kept_at(nodes, self.normal)
         square = np.einsum("ec,ec->e", n, n)
         other = np.zeros_like(n)
         facing = self.opposite[:, column]
-        other[self.paired] = np.where(free[facing], self.normal[self.paired], 0.0)
+        other[self.paired] = supports.kept_at(facing, self.normal[self.paired])
         square += np.einsum("ec,ec->e", other, other)
         changed = np.flatnonzero((amount != 0) & (square > LEVEL))
         forbidden = np.count_nonzero(amount) > len(changed)
@@ -292,12 +292,14 @@ class ContactFacets:
         matrix = csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape)
 
         # Forces of an edge count with its middle, as those of a vertex with the vertex.
-        scale = supports.free * np.ones((len(supports.free), 1))
+        scale = np.ones(supports.free.shape)
         scale[self.problem.mesh.nv :] /= abs(MIDDLE)
+        free = supports.basis(np.ones(len(scale), dtype=bool))
+        scaled = free @ free.T @ diags(scale.ravel())
         nodal = self.discrete.rows.normal.T @ forces
         chosen = np.unique(rows)
-        known = scale.ravel()[chosen] * nodal[chosen]
-        matrix = (diags(scale.ravel()) @ matrix)[chosen].toarray()
+        known = (scaled @ nodal)[chosen]
+        matrix = (scaled @ matrix)[chosen].toarray()
         weak = WEAK * np.abs(moments).max()
         system = np.vstack([matrix, weak * np.eye(P.size)])
         return system, np.append(known, weak * P.ravel())

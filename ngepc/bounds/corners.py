@@ -13,7 +13,7 @@ from ngsolve import Mesh
 from ngepc.bounds.bisection import Bisection
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets
-from ngepc.bounds.coverage import COVERS as BOUNDED
+from ngepc.bounds.coverage import WITH_ROLLERS as BOUNDED
 from ngepc.bounds.data import (
     BALANCED,
     factorise,
@@ -22,6 +22,7 @@ from ngepc.bounds.data import (
     stress_coordinates,
 )
 from ngepc.bounds.held import RigidWorks, pressure_of_works
+from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.simplices import Simplices
 from ngepc.bounds.transfer import (
     bisected,
@@ -71,7 +72,7 @@ def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
     if found is None:
         return None
     mesh, parents = found
-    discrete = discrete_on(result, mesh, parents)
+    discrete = by_nodes(discrete_on(result, mesh, parents))
     return carried_state(result, discrete, parents), parents
 
 
@@ -89,7 +90,8 @@ def state_in_eighths(result: ExactResult) -> tuple[State, np.ndarray] | None:
     if not_carried(problem) or not is_covered(problem, WITHOUT_HISTORY):
         return None
     mesh, parents = bisected(problem.mesh, np.ones(count, dtype=bool))
-    return carried_state(result, discrete_on(result, mesh, parents), parents), parents
+    discrete = by_nodes(discrete_on(result, mesh, parents))
+    return carried_state(result, discrete, parents), parents
 
 
 def pressure_on_copy(
@@ -152,7 +154,7 @@ def balanced_by_copy(
     """
     z = stress_coordinates(*own.discrete.law.stress(own.at))
     internal = own.internal_forces
-    missing = np.where(own.discrete.free, forces - internal, 0.0)
+    missing = own.discrete.supports.kept(forces - internal)
     if np.abs(missing).max() <= BALANCED * np.abs(internal).max():
         return z, 0.0
     factorise(copy, tangent)

@@ -19,6 +19,7 @@ from ngsolve import VOL, ElementId, GridFunction, VectorH1
 from ngepc.bounds.contact import MIDDLE
 from ngepc.bounds.hexahedra import cut_into_tetrahedra
 from ngepc.bounds.quadrilaterals import CutMesh, cut_into_triangles
+from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.transfer import (
     check_carried,
     forces_of_rows,
@@ -74,12 +75,10 @@ def constant_on_parents(
 
 def carried_result(result: ExactResult, cut_mesh: CutMesh) -> ExactResult:
     """The result with the displacement v on the simplices of the cut mesh, see above."""
-    discrete = DiscreteProblem(on_cut_mesh(result.problem, cut_mesh))
+    discrete = by_nodes(DiscreteProblem(on_cut_mesh(result.problem, cut_mesh)))
     contact = forces_of_rows(discrete, tractions_at_vertices(result))
     u = interpolant(result.state.u, result.discrete.points, cut_mesh)
-    supports = discrete.supports
-    u = np.where(supports.free, u, supports.values)
-    state = discrete.state(u, contact=contact)
+    state = discrete.state(discrete.supports.admissible(u), contact=contact)
     return ExactResult(state, Status.STOPPED, "", History())
 
 

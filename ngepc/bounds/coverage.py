@@ -7,6 +7,7 @@ from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule, Mesh
 
 from ngepc.bounds.hexahedra import check_hexahedra
 from ngepc.bounds.matching import check_interfaces
+from ngepc.bounds.rollers import in_components
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.sampling import Scan
 from ngepc.model.elements import (
@@ -32,9 +33,12 @@ COVERS = (
     | {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
     | {"axisymmetric", "contact at a clamp"}
 )
-"""Features that guaranteed bounds cover.
+"""Features that guaranteed bounds cover, of bodies whose supports hold components.
 
 Two bodies and parts that contact alone holds in the plane and without friction."""
+
+WITH_ROLLERS = COVERS | {"rollers"}
+"""The same with rollers on straight sides; those along an axis hold a component."""
 
 OF_REVOLUTION = (
     BASIC_FEATURES
@@ -165,6 +169,7 @@ FACET_RULES = {2: FacetRule(ET.SEGM, 9), 3: FacetRule(ET.TRIG, 6)}  # by dimensi
 
 def check_covered(problem: Problem) -> None:
     """Refuse problems without a guaranteed bound with a ValueError that names the argument."""
+    problem = in_components(problem)
     check_features(problem)
     simplices = has_straight_simplices(problem.mesh)
     material = problem.material
@@ -212,24 +217,24 @@ def check_features(problem: Problem) -> None:
     advice = "; error_indicators(result) estimates, without a guarantee"
     if has_straight_simplices(problem.mesh):
         advice = ""
-    require_covered(problem, "a bound", COVERS, advice)
+    require_covered(problem, "a bound", WITH_ROLLERS, advice)
     if problem.kinematics.hoop:
         require_covered(problem, "a bound of a body of revolution", OF_REVOLUTION)
     if problem.N == 3:
-        require_covered(problem, "a bound in three dimensions", COVERS - HELD)
+        require_covered(problem, "a bound in three dimensions", WITH_ROLLERS - HELD)
     if problem.friction is not None:
-        require_covered(problem, "a bound with friction", COVERS - HELD)
+        require_covered(problem, "a bound with friction", WITH_ROLLERS - HELD)
     if FEATURES["quadrilaterals"].found(problem):
-        require_covered(problem, "a bound on quadrilaterals", COVERS - HELD)
+        require_covered(problem, "a bound on quadrilaterals", WITH_ROLLERS - HELD)
     if FEATURES["hexahedra"].found(problem):
         check_hexahedra(problem.mesh)
         if problem.order == 2:
-            covers = COVERS - {"friction"}
+            covers = WITH_ROLLERS - {"friction"}
             require_covered(problem, "a bound on hexahedra of order 2", covers)
     check_pairs(problem)
     for feature, what in ON_PARALLELOGRAMS.items():
         if FEATURES[feature].found(problem) and not is_bilinear(problem):
-            covers = COVERS - {"quadrilaterals", "hexahedra"}
+            covers = WITH_ROLLERS - {"quadrilaterals", "hexahedra"}
             advice = ", or parallelograms and order=1" if problem.N == 2 else ""
             require_covered(problem, what, covers, advice)
 

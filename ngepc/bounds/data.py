@@ -293,7 +293,7 @@ def balanced_stress(
     z = stress_coordinates(*discrete.law.stress(state.at))
     forces = state.internal_forces
     for _ in range(1 if floating.centres else PASSES):
-        missing = np.where(discrete.free, load - forces, 0)
+        missing = discrete.supports.kept(load - forces)
         allowed = BALANCED * np.abs(forces).max()
         if np.abs(missing).max() <= allowed:
             break
@@ -324,21 +324,21 @@ def without_weak_springs(
     still carry is given back to the body until only rounding errors are left.  Rigid motions of the
     parts are arbitrary.
     """
-    free = discrete.free
+    supports = discrete.supports
     springs = discrete.floating.springs
 
     def held(u: np.ndarray) -> np.ndarray:
         """The forces of the tangent without the springs at displacements (nodes, N)."""
-        return np.where(free, tangent.multiply(u) - springs * u, 0.0)
+        return supports.kept(tangent.multiply(u) - springs * u)
 
-    shape = 2 * (free.size,)
-    K = LinearOperator(shape, matvec=lambda u: held(u.reshape(free.shape)).ravel())
+    shape = 2 * (forces.size,)
+    K = LinearOperator(shape, matvec=lambda u: held(u.reshape(forces.shape)).ravel())
     M = LinearOperator(
-        shape, matvec=lambda r: tangent.solve(r.reshape(free.shape)).ravel()
+        shape, matvec=lambda r: tangent.solve(r.reshape(forces.shape)).ravel()
     )
-    wanted = np.where(free, forces, 0.0)
+    wanted = supports.kept(forces)
     found, _ = cg(K, wanted.ravel(), rtol=REDUCED, maxiter=FLOATING_STEPS, M=M)
-    found = found.reshape(free.shape)
+    found = found.reshape(forces.shape)
     before = np.inf
     for _ in range(SPRING_PASSES):
         missing = wanted - held(found)

@@ -7,13 +7,14 @@ for each cell T and vertex i,
 
 The equations of a vertex contain only the moments of this vertex: a graph Laplacian on the cells
 around it.  The sum of the equations is the equilibrium of the nodal forces, so that they have a
-solution; the one nearest to given moments is taken.
+solution; the one nearest to given moments is taken.  Components are independent, but for vertices
+of slanted facets, where only the parts of moments along one direction are free.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 
 from ngepc.bounds.boundary import Boundary
@@ -85,6 +86,22 @@ class Patches:
             self._inverses.append(
                 self._inverses[same[0]] if same else self._inverse(free > 0)
             )
+        self._slanted = (
+            SlantedPatches(self, boundary) if len(boundary.slanted) else None
+        )
+
+    def corners_of(self, vertices: np.ndarray) -> list[np.ndarray]:
+        """The numbers of the corners at each of some vertices of the mesh."""
+        at = self.cells.nodes.ravel()[self._order]
+        first = np.searchsorted(at, vertices)
+        last = np.searchsorted(at, vertices, side="right")
+        return [np.arange(a, b) for a, b in zip(first, last, strict=True)]
+
+    def jump_at(self, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Moments (numbers) that act on some corners, and their signs there, (moments, corners)."""
+        part = self._sum[corners].toarray()
+        moments = np.flatnonzero(part.any(axis=0))
+        return moments, part[:, moments].T
 
     def _inverse(self, free: np.ndarray) -> csr_matrix:
         """The inverse Laplacians; if no outer moment is free at a vertex, one corner is held."""
@@ -110,6 +127,16 @@ class Patches:
         columns = np.arange(rows[-1]) - np.repeat(rows[:-1] - first, width)
         return csr_matrix((entries, columns, rows), 2 * (len(width),))
 
+    def free_parts(self) -> np.ndarray:
+        """Projections (moments, N, N) on the components of moments that are free."""
+        return self._free[:, :, None] * np.eye(self.cells.N)
+
+    def clear(self, corners: np.ndarray) -> None:
+        """Leave out some corners when components are solved for one by one."""
+        keep = np.ones(self._jump.shape[1])
+        keep[corners] = 0.0
+        self._inverses = [diags(keep) @ inverse for inverse in self._inverses]
+
     def repaired(
         self, wished: np.ndarray, needed: np.ndarray, given: np.ndarray
     ) -> np.ndarray:
@@ -122,12 +149,17 @@ class Patches:
         """
         N = self.cells.N
         needed = needed.reshape(-1, N)[self._order]
-        mu = np.where(self._free > 0, wished.reshape(-1, N), given.reshape(-1, N))
+        wished = wished.reshape(-1, N)
+        mu = np.where(self._free > 0, wished, given.reshape(-1, N))
+        if self._slanted is not None:
+            self._slanted.take(wished, mu)
         size = max(np.abs(needed).max(), np.abs(mu).max(), self.smallest)
         missing = needed - self._sum @ mu
         for _ in range(PASSES):
             for k, inverse in enumerate(self._inverses):
                 mu[:, k] += self._free[:, k] * (self._jump @ (inverse @ missing[:, k]))
+            if self._slanted is not None:
+                mu += self._slanted.changes(missing)
             missing = needed - self._sum @ mu
             left = np.abs(missing).max()
             if left <= ROUNDING * size:
@@ -137,3 +169,49 @@ class Patches:
                 f"the stress could not be equilibrated: relative residual {left / size:.1e}"
             )
         return mu.reshape(-1, N, N)
+
+
+class SlantedPatches:
+    """Changes of the moments at the vertices of slanted facets.
+
+    There the free part of each moment is P mu with a projector P: the identity, some components, or
+    the part along a direction.  With the signs J of the moments at the corners, the change P J' x
+    with (J P J') x = missing is the smallest one.  The inverses of the components are cleared at
+    these vertices.
+    """
+
+    def __init__(self, patches: Patches, boundary: Boundary) -> None:
+        N = patches.cells.N
+        facets = boundary.slanted
+        self._moments = (N * facets[:, None] + np.arange(N)).ravel()
+        self._directions = np.repeat(boundary.directions, N, axis=0)
+        free = patches.free_parts()
+        free[self._moments] = self._directions[:, :, None] * self._directions[:, None]
+        entries, rows, columns = [], [], []
+        corners = patches.corners_of(np.unique(patches.cells.facets[facets]))
+        for own in corners:
+            moments, signs = patches.jump_at(own)
+            parts = free[moments]
+            block = np.einsum("ma,mij,mb->aibj", signs, parts, signs)
+            inverse = np.linalg.pinv(block.reshape(2 * (N * len(own),)), hermitian=True)
+            change = np.einsum("mij,ma->miaj", parts, signs)
+            change = change.reshape(N * len(moments), -1) @ inverse
+            row = (N * moments[:, None] + np.arange(N)).ravel()
+            column = (N * own[:, None] + np.arange(N)).ravel()
+            entries.append(change.ravel())
+            rows.append(np.repeat(row, len(column)))
+            columns.append(np.tile(column, len(row)))
+        places = np.concatenate(rows), np.concatenate(columns)
+        shape = (N * len(free), N * patches.cells.nodes.size)
+        self._changes = csr_matrix((np.concatenate(entries), places), shape=shape)
+        patches.clear(np.concatenate(corners))
+
+    def take(self, wished: np.ndarray, mu: np.ndarray) -> None:
+        """Enter the free parts of ``wished`` moments on slanted facets into ``mu``, (., N)."""
+        d = self._directions
+        more = wished[self._moments] - mu[self._moments]
+        mu[self._moments] += np.einsum("mi,mi->m", more, d)[:, None] * d
+
+    def changes(self, missing: np.ndarray) -> np.ndarray:
+        """Changes of all moments (., N) for what is missing at the corners (., N)."""
+        return (self._changes @ missing.ravel()).reshape(-1, missing.shape[1])

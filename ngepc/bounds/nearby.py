@@ -50,12 +50,12 @@ def strain_nearby(
     part = replace(block, **{name: getattr(block, name)[cells] for name in names})
     inside = np.zeros_like(discrete.free)
     inside[part.nodes] = True
-    unknowns = np.flatnonzero(inside & discrete.free)
-    K = stiffness_of(part, state.moduli, inside.shape)[unknowns][:, unknowns]
-    w = np.zeros(missing.shape)
-    w.flat[unknowns] = floating_solution(K, missing.flat[unknowns], allowed)
-    left = np.where(discrete.free, missing, 0.0)
-    left.flat[unknowns] -= K @ w.flat[unknowns]
+    basis = discrete.supports.basis(inside[:, 0])
+    K = basis.T @ stiffness_of(part, state.moduli, inside.shape) @ basis
+    unknowns = floating_solution(K, basis.T @ missing.ravel(), allowed)
+    w = (basis @ unknowns).reshape(missing.shape)
+    left = discrete.supports.kept(missing)
+    left -= (basis @ (K @ unknowns)).reshape(missing.shape)
     if not np.abs(left).max() <= allowed:
         return None
     strain = np.zeros((len(points), len(part.basis)))

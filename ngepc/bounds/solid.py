@@ -43,6 +43,7 @@ from ngepc.bounds.data import (
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.foundation import Foundation
 from ngepc.bounds.polynomials import RULE, TO_NODES, portions
+from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.simplices import FACETS
 from ngepc.bounds.sizes import power_of_two
 from ngepc.bounds.transfer import lowered_problem
@@ -81,6 +82,7 @@ class Faces:
 
     ``free`` (3 nf, 3) are components of delta that no support holds.  ``closed`` (3 nf, 3) has the
     unit normal where the normal component of delta is held, zero elsewhere; None if nowhere.
+    Rollers hold delta on the ``slanted`` faces along unit vectors, in ``_rolled`` as in ``closed``.
 
     Numbers in single precision are divided by powers of two near their size, which changes no
     digit: otherwise some would overflow or vanish.  ``length`` and ``stress`` are those of the
@@ -97,6 +99,12 @@ class Faces:
         self.free = np.repeat(boundary.given | ~c.outer[:, None], 3, axis=0)
         self._given = self.free.astype(float)
         self.closed = None
+        self.slanted = boundary.slanted
+        self._rolled = None
+        if len(self.slanted):
+            self._rolled = np.zeros(self.free.shape)
+            slots = 3 * self.slanted[:, None] + np.arange(3)
+            self._rolled[slots] = boundary.directions[:, None]
         self._piola = piola
         self._inverse = np.empty((len(c.nodes), FREE, FREE), dtype=SINGLE)
         self.length = power_of_two(np.abs(c.jacobian).max())
@@ -160,6 +168,9 @@ class Faces:
         D[:, diagonal, diagonal] += held
         self._face_inverse = np.linalg.inv(D)
         self._face_inverse[:, diagonal, diagonal] -= held
+        if self._rolled is not None:
+            d = self._rolled[3 * self.slanted]
+            self._face_inverse[self.slanted] = inverses_across(D[self.slanted], d)
 
     def _turned(self, reference: np.ndarray) -> np.ndarray:
         """Outward moments (nt, 12, 3) from those of the reference cell (nt, 36)."""
@@ -178,8 +189,9 @@ class Faces:
     def kept(self, r: np.ndarray) -> np.ndarray:
         """Displacements or moments (3 nf, 3) with held components set to zero."""
         r = r * self._given
-        if self.closed is not None:
-            r -= self.closed * np.einsum("si,si->s", self.closed, r)[:, None]
+        for directions in (self.closed, self._rolled):
+            if directions is not None:
+                r -= directions * np.einsum("si,si->s", directions, r)[:, None]
         return r
 
     def stresses(self, delta: np.ndarray) -> np.ndarray:
@@ -209,6 +221,18 @@ class Faces:
         return self.kept(self.cells.sums(moments) * size + pulled)
 
 
+def inverses_across(D: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Inverses of matrices (k, 9, 9) on vectors at three vertices that have no part along d (k, 3).
+
+    They are zero on the rest.
+    """
+    along = np.einsum("ab,ki,kj->kaibj", np.eye(3), d, d).reshape(-1, 9, 9)
+    across = (np.eye(9) - along).astype(D.dtype)
+    size = np.einsum("kii->k", D)[:, None, None] / 9
+    whole = np.matmul(np.matmul(across, D), across) + size * along.astype(D.dtype)
+    return np.matmul(np.matmul(across, np.linalg.inv(whole)), across)
+
+
 class SolidSearch(NamedTuple):
     """The matrices of the tetrahedra at one tangent, and its compliances (nt, 6, 6)."""
 
@@ -227,7 +251,8 @@ class SolidBoundData(BoundData):
             self.faces = Faces(self.boundary, self.foundation, self.piola)
             return
         self.weights = np.full(len(TO_NODES[4]), 1 / len(TO_NODES[4]))
-        self.lower = SolidBoundData(DiscreteProblem(lowered_problem(self.problem)))
+        lower = by_nodes(DiscreteProblem(lowered_problem(self.problem)))
+        self.lower = SolidBoundData(lower)
         self.lower.effort = Effort(newton=2, gain=3e-5, steps=100)
 
     def best_stress(self, state: State, tangent: Factors, P: np.ndarray) -> BestStress:

@@ -17,6 +17,7 @@ from ngsolve import CF, L2, CoefficientFunction, GridFunction, Integrate, Mesh, 
 from ngepc.bounds.contact import BUBBLE, EDGES
 from ngepc.bounds.coverage import check_covered, varies_inside
 from ngepc.bounds.matching import matched
+from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.simplices import marked
 from ngepc.discretisation.body import Floating
 from ngepc.discretisation.loads import displacement_space, nodal
@@ -345,7 +346,7 @@ def carried_state(
         cells, share = shares
         stress[nodes[cells]] = np.matmul(share, known[corners[cells]])
     contact = forces_of_rows(discrete, stress)
-    return discrete.state(np.where(supports.free, u, supports.values), contact=contact)
+    return discrete.state(supports.admissible(u), contact=contact)
 
 
 def tractions_at_vertices(result: ExactResult) -> np.ndarray:
@@ -373,6 +374,6 @@ def on_matching(result: ExactResult) -> tuple[ExactResult, np.ndarray | None]:
         return result, None
     check_carried(result.problem)
     mesh, parents = found
-    discrete = discrete_on(result, mesh, parents)
+    discrete = by_nodes(discrete_on(result, mesh, parents))
     state = carried_state(result, discrete, parents)
     return ExactResult(state, Status.STOPPED, "", History()), parents

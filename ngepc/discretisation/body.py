@@ -210,8 +210,8 @@ class Iterate:
 
     @cached_property
     def free_residual(self) -> np.ndarray:
-        """``residual_force`` at the free components, zero elsewhere."""
-        return np.where(self.body.free, self.residual_force, 0.0)
+        """The part of ``residual_force`` that no support takes."""
+        return self.body.supports.kept(self.residual_force)
 
     @cached_property
     def gaps(self) -> np.ndarray:

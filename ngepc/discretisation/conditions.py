@@ -285,40 +285,80 @@ def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
     return problem.nodal_processes.spread(nodal(given.vec.FV().NumPy(), problem))
 
 
+class HeldDirections:
+    """The directions that supports hold at the nodes of rollers.
+
+    ``at`` maps a node to orthonormal directions (k, N), and the displacements (k,) along them.
+    """
+
+    def __init__(self, supports: Supports) -> None:
+        self._supports = supports
+        self.at: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def added(
+        self,
+        place: Place,
+        nodes: np.ndarray,
+        directions: np.ndarray,
+        values: np.ndarray,
+    ) -> list[bool]:
+        """Add the directions (n, N) of a roller at its nodes; which of them are new.
+
+        A ValueError if two supports give a node different displacements along one direction.
+        """
+        each = zip(nodes.tolist(), directions, values, strict=True)
+        return [self._add(place, node, d, value) for node, d, value in each]
+
+    def _add(self, place: Place, node: int, d: np.ndarray, value: float) -> bool:
+        """The same for one node."""
+        basis, known = self.at.setdefault(node, self._components(node))
+        shares = basis @ d
+        rest = d - shares @ basis
+        left = value - shares @ known
+        size = np.linalg.norm(rest)
+        if size < HELD_NORMAL and abs(left) > 1e-8 * max(1e-300, *np.abs(known)):
+            raise ValueError(
+                f"prescribed[{place!r}] and another support give a node different displacements"
+                f" along {d.round(6).tolist()}: the values must agree, they differ by {left:g}"
+            )
+        if size < FREE_NORMAL:
+            return False
+        basis = np.vstack([basis, rest / size])
+        self.at[node] = basis, np.append(known, left / size)
+        return True
+
+    def _components(self, node: int) -> tuple[np.ndarray, np.ndarray]:
+        """The components that are held at a node, as directions."""
+        fixed = np.flatnonzero(~self._supports.free[node])
+        values = self._supports.values[node, fixed]
+        return np.eye(self._supports.free.shape[1])[fixed], values
+
+
+def directions_of_roller(
+    problem: Problem, scalar: FESpace, place: Place
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes of a roller, its unit directions there (n, N), and the given displacements (n,).
+
+    A node between two faces comes twice.
+    """
+    roller = problem.rollers[place]
+    nodes, directions = _directions(problem, scalar, place, roller)
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    at, given = given_at(scalar, place, roller.value)
+    return nodes, directions, given[np.searchsorted(at, nodes)]
+
+
 def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows]:
     """The rows of each roller, but for directions that other supports hold already.
 
     A ValueError if two supports give a node different displacements along one direction.
     """
     scalar = supports.space.components[0]
-    held = {}
+    held = HeldDirections(supports)
     result = {}
-    for place, roller in problem.rollers.items():
-        nodes, directions = _directions(problem, scalar, place, roller)
-        directions /= np.linalg.norm(directions, axis=1)[:, None]
-        at, given = given_at(scalar, place, roller.value)
-        values = given[np.searchsorted(at, nodes)]
-        new = []
-        for node, d, value in zip(nodes.tolist(), directions, values, strict=True):
-            if node not in held:
-                fixed = np.flatnonzero(~supports.free[node])
-                held[node] = np.eye(problem.N)[fixed], supports.values[node, fixed]
-            basis, known = held[node]  # directions that supports hold, orthonormal
-            shares = basis @ d
-            rest = d - shares @ basis
-            left = value - shares @ known
-            size = np.linalg.norm(rest)
-            if size < HELD_NORMAL and abs(left) > 1e-8 * max(1e-300, *np.abs(known)):
-                raise ValueError(
-                    f"prescribed[{place!r}] and another support give a node different displacements"
-                    f" along {d.round(6).tolist()}: the values must agree, they differ by {left:g}"
-                )
-            new.append(size >= FREE_NORMAL)
-            if new[-1]:
-                held[node] = (
-                    np.vstack([basis, rest / size]),
-                    np.append(known, left / size),
-                )
+    for place in problem.rollers:
+        nodes, directions, values = directions_of_roller(problem, scalar, place)
+        new = held.added(place, nodes, directions, values)
         means = csr_matrix(eye(scalar.ndof))[nodes[new]]
         no = np.zeros(sum(new))
         # no contact area

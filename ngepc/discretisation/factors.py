@@ -143,7 +143,7 @@ class Factors:
         FactorisationError if they are not finite.
         """
         self.back_substitutions += 1
-        np.multiply(forces, self._free, out=self._given)
+        self._given[:] = self._body.supports.kept(forces)
         with self._threads():
             self._inverse.Mult(self._right, self._left)
         if self.back_substitutions == 1 and self._in_blocks:
@@ -153,7 +153,7 @@ class Factors:
                 self._factorise()
                 self._inverse.Mult(self._right, self._left)
                 self.back_substitutions = 1
-        u = self._found.copy()
+        u = self._body.supports.kept(self._found)
         if not np.isfinite(u).all():
             raise FactorisationError(f"{self._name} found a singular tangent")
         return u

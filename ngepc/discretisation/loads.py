@@ -40,11 +40,12 @@ from ngsolve import (
 )
 from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from ngsolve.la import CreateVVector
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, hstack
 
 from ngepc.checks.arguments import Coefficient, boundary_names
 from ngepc.discretisation.polynomials import HIGHEST
 from ngepc.discretisation.sampling import SIMPLICES, Scan, with_last_share
+from ngepc.discretisation.slanted import SlantedNodes, unit_columns
 from ngepc.model.data import same_fields
 from ngepc.model.elements import (
     cells_of,
@@ -375,6 +376,8 @@ class Supports:
     springs: dict[Place, csr_matrix]
     """Their forces per displacement, u flattened node by node."""
     stiffness: csr_matrix  # the sum of ``springs``
+    slanted: SlantedNodes | None = None
+    """Nodes that supports hold along other directions than axes; None where rows hold these."""
 
     def __init__(self, problem: Problem, like: Supports | None = None) -> None:
         """``like`` are supports of the same components of the same mesh, or None."""
@@ -416,6 +419,41 @@ class Supports:
         """Whether the same components are held, by the same springs."""
         same = self.free is other.free and self.stiffness is other.stiffness
         return self is other or (same and not self.problem.rollers)
+
+    def kept(self, vectors: np.ndarray) -> np.ndarray:
+        """The parts of vectors (nodes, N) along which no support holds the nodes."""
+        result = np.where(self.free, vectors, 0.0)
+        if self.slanted is not None:
+            nodes = self.slanted.nodes
+            result[nodes] = self.slanted.free_parts(vectors[nodes])
+        return result
+
+    def kept_at(self, nodes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """The same for one vector at each of some nodes, (nodes, N)."""
+        result = np.where(self.free[nodes], vectors, 0.0)
+        if self.slanted is not None:
+            self.slanted.keep_at(nodes, vectors, result)
+        return result
+
+    def admissible(self, u: np.ndarray) -> np.ndarray:
+        """Displacements (nodes, N) with the prescribed values where supports hold them."""
+        result = np.where(self.free, u, self.values)
+        if self.slanted is not None:
+            nodes = self.slanted.nodes
+            result[nodes] = self.slanted.values + self.slanted.free_parts(u[nodes])
+        return result
+
+    def basis(self, there: np.ndarray) -> csr_matrix:
+        """Orthonormal displacements that supports allow at the nodes ``there`` (booleans).
+
+        Columns are displacements flattened node by node.
+        """
+        if self.slanted is None:
+            return unit_columns(self.free & there[:, None])
+        usual = there.copy()
+        usual[self.slanted.nodes] = False
+        columns = unit_columns(self.free & usual[:, None])
+        return hstack([columns, self.slanted.columns(there)], format="csr")
 
     def pull(self, u: np.ndarray, place: Place | None = None) -> np.ndarray:
         """The forces on the springs, of one place or of all, at displacements, both (nodes, N)."""

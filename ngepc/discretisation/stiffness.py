@@ -27,6 +27,7 @@ from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix, tril
 
 from ngepc.discretisation.points import Elements, Moduli, Points
+from ngepc.discretisation.slanted import SlantedNodes
 from ngepc.linalg.cores import in_order
 from ngepc.linalg.direct import both_triangles, lower_triangle
 
@@ -73,6 +74,7 @@ class Stiffness(Blocks):
         self.rows = rows.astype(np.int32)
         self.columns = columns.astype(np.int32)
         self._added = np.zeros(0, dtype=int), 0.0
+        self._slanted: SlantedBlocks | None = None
 
     def with_added(self, added: csr_matrix) -> Stiffness:
         """The same plus a symmetric matrix, u flattened node by node.
@@ -84,6 +86,13 @@ class Stiffness(Blocks):
         i = np.repeat(np.arange(len(self.free)), np.diff(blocks.indptr))
         lower = i >= blocks.indices
         other._added = self.places(i[lower], blocks.indices[lower]), blocks.data[lower]
+        return other
+
+    def with_slanted(self, slanted: SlantedNodes | None) -> Stiffness:
+        """The same with nodes that are held along directions that are no axes."""
+        other = copy(self)
+        if slanted is not None:
+            other._slanted = SlantedBlocks(self, slanted)
         return other
 
     def places(self, i: np.ndarray, j: np.ndarray) -> np.ndarray:
@@ -106,7 +115,10 @@ class Stiffness(Blocks):
         """Sums with added and held entries, in place."""
         places, blocks = self._added
         values[places] += blocks
-        return self.held(values)
+        values = self.held(values)
+        if self._slanted is not None:
+            self._slanted.hold(values)
+        return values
 
     def matrix(self, elements: np.ndarray | None = None) -> BaseMatrix:
         """A new matrix of NGSolve, of which the lower half is stored.
@@ -144,6 +156,33 @@ class Stiffness(Blocks):
         starts = np.searchsorted(self.rows[chosen], np.arange(len(self.free) + 1))
         shape = (self.free.size, self.free.size)
         return bsr_matrix((values, self.columns[chosen], starts), shape=shape)
+
+
+class SlantedBlocks:
+    """Blocks of slanted nodes: P K P' + k (1 - P) with the projectors P onto what is free.
+
+    The stiffness k of what is held is that of the node, so that rounding errors of P matter little.
+    """
+
+    def __init__(self, blocks: Blocks, slanted: SlantedNodes) -> None:
+        projectors = np.tile(np.eye(blocks.N), (len(blocks.free), 1, 1))
+        projectors[slanted.nodes] = slanted.projectors
+        is_slanted = np.zeros(len(blocks.free), dtype=bool)
+        is_slanted[slanted.nodes] = True
+        rows = blocks.rows
+        columns = blocks.columns
+        self._places = np.flatnonzero(is_slanted[rows] | is_slanted[columns])
+        self._left = projectors[rows[self._places]]
+        self._right = projectors[columns[self._places]]
+        self._own = np.flatnonzero((rows == columns) & is_slanted[rows])
+        self._held = np.eye(blocks.N) - projectors[rows[self._own]]
+
+    def hold(self, values: np.ndarray) -> None:
+        """Hold the nodes in ``values`` (blocks, N, N), in place."""
+        stiffness = np.einsum("kii->k", values[self._own]) / values.shape[1]
+        turned = np.matmul(self._left, values[self._places])
+        values[self._places] = np.matmul(turned, self._right)
+        values[self._own] += stiffness[:, None, None] * self._held
 
 
 class Gather(NamedTuple):

@@ -15,6 +15,7 @@ from ngepc._deprecated import renamed
 from ngepc.bounds.bound import ErrorBound, bound_and_search, data_on, thickened
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.data import BoundData
+from ngepc.bounds.rollers import by_nodes, in_components, state_by_nodes
 from ngepc.bounds.thickness import is_of_thickness_one, with_other_thickness
 from ngepc.bounds.transfer import (
     bisected_to,
@@ -215,6 +216,7 @@ def solve_to(
     require_function("monitor", monitor, "a record", optional=True)
     options = Refinement() if options is None else options
     require_instance("options", options, Refinement, "Refinement(...)")
+    problem = in_components(problem)
     check_carried(problem)
     if not is_of_thickness_one(problem):
         return thick_run(problem, tolerance, options, monitor, goal)
@@ -450,12 +452,15 @@ def refined_mesh(
 
 
 class Tools(NamedTuple):
-    """What a bound was computed with: data, tangent, search, and the compliance of the rows."""
+    """What a bound was computed with: data, tangent, search, and the compliance of the rows.
+
+    The latter is None where the rows of rollers are not those of the bound.
+    """
 
     bound_data: BoundData
     tangent: Factors
     search: Any
-    compliance: Compliance
+    compliance: Compliance | None
 
     def goals(self, bound: ErrorBound) -> GoalProblem:
         """The intervals of goals for the bound."""
@@ -471,8 +476,10 @@ def solved(
     The last result is what the bound was computed with.  Newton steps pause at a step that lowers
     the energy by less than a ``small`` amount.
     """
-    bound_data = data_on(state.discrete)
+    bound_data = data_on(by_nodes(state.discrete))
     tangent = Factors(state.discrete, "sparsecholesky")
+    alike = bound_data.discrete is state.discrete
+    nodal = tangent if alike else Factors(bound_data.discrete, "sparsecholesky")
     compliance = state.discrete.compliance()
     target = ExactTarget(state.discrete, lambda: compliance)
     steps = 0
@@ -492,8 +499,9 @@ def solved(
         paused = (
             result.status == Status.STOPPED and abs(energies[-2] - energies[-1]) < small
         )
-        bound, search = bound_and_search(bound_data, result.state, tangent)
-        tools = Tools(bound_data, tangent, search, compliance)
+        held = state_by_nodes(result.state, bound_data.discrete)
+        bound, search = bound_and_search(bound_data, held, nodal)
+        tools = Tools(bound_data, nodal, search, compliance if alike else None)
         if not paused:
             return result, bound, steps, tools
         # Newton steps do not reduce the cost of clearing the obstacle between the nodes

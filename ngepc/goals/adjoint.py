@@ -217,7 +217,7 @@ class AdjointProblem(AdjointConditions):
         """The part of forces that displacements do not answer; all (nodes, N)."""
         discrete = self.bound_data.discrete
         answered = self.tangent.multiply(z) - discrete.floating.springs * z
-        return np.where(discrete.free, forces - answered, 0.0)
+        return discrete.supports.kept(forces - answered)
 
     def rigid_works(self, start: Start) -> np.ndarray:
         """The works of the goal's load on the motions of floating parts, (motions,)."""

@@ -37,8 +37,9 @@ from ngepc.bounds.bound import (
     thickened,
 )
 from ngepc.bounds.counterpart import on_simplices
-from ngepc.bounds.coverage import COVERS as BOUNDED
+from ngepc.bounds.coverage import WITH_ROLLERS as BOUNDED
 from ngepc.bounds.data import BoundData
+from ngepc.bounds.rollers import result_by_nodes
 from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
 from ngepc.bounds.transfer import on_matching
 from ngepc.checks.kinds import require_instance
@@ -279,7 +280,7 @@ class GoalProblem:
     def __init__(self, result: ExactResult) -> None:
         check_goals(result.problem)
         thick = result.problem
-        one = of_thickness_one(result)
+        one = result_by_nodes(of_thickness_one(result))
         given = on_simplices(one)
         result, parents = on_matching(given)
         bound_data = bound_data_of(result.discrete)

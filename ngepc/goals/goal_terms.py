@@ -25,7 +25,8 @@ from ngepc.checks.arguments import (
 from ngepc.checks.declared import Check, Declared, Text
 from ngepc.checks.kinds import require_mapping, require_text
 from ngepc.checks.sentences import in_words
-from ngepc.discretisation.loads import applied_forces, support_motion
+from ngepc.discretisation.loads import applied_forces
+from ngepc.goals.roller_motion import motion_of_support
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import Vector
@@ -316,7 +317,6 @@ def _displacement_at(goal: object, problem: Problem, zero: np.ndarray) -> GoalTe
 def _reaction(goal: object, problem: Problem, zero: np.ndarray) -> GoalTerms:
     """The reaction of a support: minus the work of all forces in its unit motion."""
     component = require_integer("component", goal.component, 0, problem.N - 1)
-    motion = support_motion(problem, goal.support, component)
-    shared = (motion > 0) & (motion < 1)
-    note = MEETING if shared.any() else ""
+    motion, shared = motion_of_support(problem, goal.support, component)
+    note = MEETING if shared else ""
     return GoalTerms(_along("reaction", goal.support, goal), None, zero, -motion, note)

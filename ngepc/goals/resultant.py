@@ -37,7 +37,7 @@ def largest_resultant(bound_data: BoundData, bound: ErrorBound) -> float:
     w = np.zeros_like(bound.state.u)
     np.add.at(w, vertices, (contact.measure[:, None] * contact.normal)[:, None])
     size = np.linalg.norm(w, axis=1, keepdims=True)
-    w = np.where(discrete.supports.free, w / np.where(size > 0, size, 1.0), 0.0)
+    w = discrete.supports.kept(w / np.where(size > 0, size, 1.0))
     along = contact.along(w)[:, :N]
     least = along.min(initial=1.0)
     if least < LEAST or bound_data.boundary.friction.any():

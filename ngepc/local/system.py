@@ -102,7 +102,8 @@ class DiscreteProblem(DiscreteBody):
     @cached_property
     def stiffness(self) -> ElementStiffness:
         """The object that assembles the tangents, see ``DiscreteBody``."""
-        return ElementStiffness(self.points, self.free).with_added(self.added)
+        stiffness = ElementStiffness(self.points, self.free).with_added(self.added)
+        return stiffness.with_slanted(self.supports.slanted)
 
     @cached_property
     def stiffness_diagonal(self) -> np.ndarray:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bodies import moved_by
 from campaigns.crossings import finer
 from ngsolve import (
     BND,
@@ -17,7 +18,14 @@ from ngsolve import (
     y,
 )
 
-from ngepc import Material, Problem, lshape_problem, semismooth_newton, wrench_problem
+from ngepc import (
+    Material,
+    Problem,
+    Roller,
+    lshape_problem,
+    semismooth_newton,
+    wrench_problem,
+)
 from ngepc.bounds.bound import data_on, error_bound
 from ngepc.bounds.element import ELEMENTS, PAIRS
 from ngepc.geometries import block, lshape, wrench
@@ -98,6 +106,27 @@ def on_springs():
     )
 
 
+TURN = np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
+NORMAL = {"clamped": Roller(value=1e-4 * x), "left": Roller(value=-1e-3)}
+TANGENTIAL = {"clamped": Roller(tuple(TURN[:, 0])), "left": (0, 0.0)}
+COMPONENT = {"clamped": (None, 0), "left": Roller(value=-1e-3)}
+OBLIQUE = {"clamped": Roller((0.4, 0.9)), "left": Roller(tuple(TURN[:, 0]), 1e-3)}
+
+
+def on_slanted_rollers(supports):
+    """A turned block on supports that move it, with tractions there, too."""
+    return Problem(
+        moved_by(TURN, block.mesh(0.12, (1.0, 0.7))),
+        MATERIAL,
+        clamped=None,
+        prescribed=supports,
+        traction={"right": TRACTION, "clamped": (0.5, 0.4), "contact": (0.3, 0.6)},
+        body_force=(1.0, -2.0),
+        kinematics="plane strain",
+        order=1,
+    )
+
+
 PROBLEMS = {
     "lshape": lambda: lshape_problem(lshape.paper_mesh(113)),
     "wrench": lambda: wrench_problem(wrench.paper_mesh(245)),
@@ -107,8 +136,14 @@ PROBLEMS = {
     "tangential roller": tangential_roller,
     "friction": dragged,
     "springs": on_springs,
+    "slanted rollers": lambda: on_slanted_rollers(NORMAL),
+    "slanted, tangential": lambda: on_slanted_rollers(TANGENTIAL),
+    "slanted, oblique": lambda: on_slanted_rollers(OBLIQUE),
+    "slanted, a component": lambda: on_slanted_rollers(COMPONENT),
 }
 TWICE = ("lshape", "wrench", "pressed block", "rollers", "friction", "springs")
+TWICE += ("slanted rollers", "slanted, tangential", "slanted, oblique")
+TWICE += ("slanted, a component",)
 PROBLEMS |= {f"{name}, order 2": lambda name=name: of_order_two(name) for name in TWICE}
 
 
@@ -244,11 +279,10 @@ def test_boundary(bound):
     """Given tractions hold; contact presses, with no more shear than friction allows."""
     springs = pulled_by_springs(bound)
     problem, found = bound.problem, tractions(bound)
-    held = {name: (True, True) for name in problem.clamped_names}
-    for names, values in (problem.prescribed or {}).items():
-        held |= {
-            name: tuple(v is not None for v in values) for name in names.split("|")
-        }
+    known = {name: np.zeros((2, 2)) for name in problem.clamped_names}
+    for name, support in problem.single("prescribed").items():
+        if not isinstance(support, Roller):
+            known[name] = np.diag([float(value is None) for value in support])
     mesh = bound.state.discrete.problem.mesh
     for segment in mesh.Elements(BND):
         ends = tuple(sorted(v.nr for v in segment.vertices))
@@ -264,14 +298,17 @@ def test_boundary(bound):
             shear = np.linalg.norm(sn + pressure[:, None] * n, axis=1)
             assert (shear - most).max() <= 1e-12 * size(bound)
             continue
-        free = ~np.array(held.get(segment.mat, (False, False)))
+        part = known.get(segment.mat, np.eye(2))
+        if segment.mat in problem.rollers:
+            d = problem.rollers[segment.mat].direction or n
+            part = np.eye(2) - np.outer(d, d) / np.dot(d, d)
         points = np.asarray(mesh.ngmesh.Coordinates())[list(ends), :2]
         expected = given_traction(problem, segment.mat, points, n)
         expected = expected + springs.get(ends, 0.0)
         expected = np.concatenate([expected, expected.mean(axis=0, keepdims=True)])[
             : len(sn)
         ]
-        assert np.abs((sn - expected)[:, free]).max(initial=0.0) <= 1e-12 * size(bound)
+        assert np.abs((sn - expected) @ part).max(initial=0.0) <= 1e-12 * size(bound)
 
 
 def test_indicators_are_nowhere_negative(bound):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ngepc.bounds.contact import ContactFacets
+from ngepc.discretisation.loads import Supports
 
 NODES = np.array([0, 0, 1, 0, 2, 2])
 EXCESS = np.array([0.3, 1.0, -0.2, 0.7, 0.5, 0.1])
@@ -15,8 +16,10 @@ def facets(normal, nodes, free=None, opposite=()):
     """What ``_lower`` needs of contact facets with these normals; the last face ``opposite``."""
     free = np.ones((3, 3), dtype=bool) if free is None else free
     opposite = np.array(opposite, dtype=int).reshape(-1, 1)
+    supports = Supports.__new__(Supports)
+    supports.free = free
     return SimpleNamespace(
-        discrete=SimpleNamespace(supports=SimpleNamespace(free=free)),
+        discrete=SimpleNamespace(supports=supports),
         normal=normal,
         nodes=nodes[:, None],
         opposite=opposite,

@@ -396,6 +396,7 @@ def test_what_does_not_take_them_says_so():
     ):
         with pytest.raises(ValueError, match=named):
             semismooth_newton(problem, gamma=1e3)
+    for problem, named in ((springs, r"springs\[Point"), (force, r"traction\[Point")):
         with pytest.raises(ValueError, match=named):
             error_bound(semismooth_newton(problem))
     corner = Problem(SQUARE, STEEL, "left", contact="contact", gap=0.0)
