@@ -145,7 +145,7 @@ def test_histories_may_be_affine_on_triangles():
     problem = Problem(
         mesh, material, order=2, kinematics="plane strain", **loads, **history
     )
-    bounds = [error_bound(semismooth_newton(finer(problem, k))) for k in (0, 2, 4)]
+    bounds = [error_bound(semismooth_newton(finer(problem, k))) for k in (0, 1, 3)]
     assert bounds[0].state.at.yields.any()
     energies, lower = (
         [getattr(b, name) for b in bounds] for name in ("energy", "least_energy")
@@ -191,7 +191,7 @@ def test_adaptive_meshes_reach_the_rate_of_order_two(coarse):
 
 def test_the_pressure_is_zero_where_the_body_is_far_from_the_obstacle():
     """A solver of scipy for least squares with P >= 0 left pressure far from the contact zone."""
-    result = semismooth_newton(replace(example("lshape", 3201), order=2))
+    result = semismooth_newton(replace(example("lshape", 1601), order=2))
     contact = bound_data_of(result.discrete).contact
     pressure = contact.pressure(result.state.multipliers)
     gap = contact.slack(result.state.u)[:, :2]

@@ -10,22 +10,21 @@ from ngepc.bounds.bound import error_bound
 
 CHOSEN = [
     (2, "order 1", 3),
-    (6, "order 1", 3),
-    (7, "order 2", 3),
-    (1, "friction", 3),
-    (7, "friction, order 2", 2),
+    (7, "order 2", 2),
+    (1, "friction", 2),
+    (7, "friction, order 2", 1),
     (5, "varying loads", 1),
     (7, "solid", 2),
-    (3, "springs", 3),
+    (3, "springs", 2),
     (4, "springs, order 2", 1),
     (5, "springs, solid", 1),
-    (4, "quadrilaterals", 2),
-    (8, "quadrilaterals, order 2", 2),
+    (4, "quadrilaterals", 1),
+    (8, "quadrilaterals, order 2", 1),
     (1, "hexahedra", 1),
     (1, "hexahedra, order 2", 1),
-    (2, "two bodies", 3),
-    (3, "two bodies, order 2", 2),
-    (2, "revolution", 2),
+    (2, "two bodies", 2),
+    (3, "two bodies, order 2", 1),
+    (2, "revolution", 1),
     (3, "revolution, order 2", 1),
 ]
 """Seeds, kinds, and how many problems; the campaign of crossings has 200 of each kind."""
@@ -43,10 +42,10 @@ def test_energies_of_random_problems_do_not_cross(seed, kind, count):
 
 
 def test_the_campaign_counts_what_it_finds(tmp_path):
-    work = Crossings(tmp_path, count=2, rows=("order 2", "friction"))
+    work = Crossings(tmp_path, count=1, rows=("order 1", "friction"))
     work.write(work.run())
     rows = (tmp_path / "crossings.md").read_text().splitlines()[4:6]
-    assert [row.split("|")[2].strip() for row in rows] == ["2", "2"]
+    assert [row.split("|")[2].strip() for row in rows] == ["1", "1"]
     assert [row.split("|")[3].strip() for row in rows] == ["0", "0"]
 
 

@@ -428,10 +428,9 @@ def rubbed(friction, **data):
     return Problem(mesh, steel, **given | data)
 
 
-@pytest.mark.parametrize("friction", [0.05, 0.2 + 0.1 * x])
-def test_friction_of_order_two(friction):
+def test_friction_of_order_two():
     """The slip is a parabola, from a quadratic start; the tractions are those of order one."""
-    problem = rubbed(friction, initial_displacement=(1e-4 * x * x, 0, 0))
+    problem = rubbed(0.2 + 0.1 * x, initial_displacement=(1e-4 * x * x, 0, 0))
     result = semismooth_newton(problem)
     bound = error_bound(result)
     fine = error_bound(semismooth_newton(finer(problem, 1)))

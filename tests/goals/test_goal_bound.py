@@ -233,7 +233,7 @@ def test_reactions_of_supports_that_meet_add_up():
 
 
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("size", [(3, 3), (2, 2, 2)])
+@pytest.mark.parametrize("size", [(3, 3), (2, 1, 1)])
 def test_the_goal_of_a_result_is_its_own_number(size, order):
     """Quadrilaterals and hexahedra are cut for the interval, not for what the result says."""
     N = len(size)
@@ -308,7 +308,7 @@ def test_contact_that_meets_a_clamp(order, gap):
     square = block.structured_mesh(3, 3, simplices=True)
     problem = Problem(square, MATERIAL, traction=traction, **given)
     result = semismooth_newton(problem)
-    fine = semismooth_newton(finer(replace(problem, order=2), 3))
+    fine = semismooth_newton(finer(replace(problem, order=2), 2))
     work = goal_bound(result, "work")
     assert work.guaranteed
     assert work.lower < work_on(fine, "right", traction["right"]) < work.upper

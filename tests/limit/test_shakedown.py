@@ -224,24 +224,22 @@ def test_solids_and_obstacles_are_refused_by_name():
         shakedown_load(touched, {"initial_strain": (0, 1)})
 
 
-@pytest.mark.parametrize(
-    ("count", "kinematics"), [(2, "plane strain"), (2, "plane stress")]
-)
-def test_estimates_do_not_exceed_the_limit_load(count, kinematics):
+@pytest.mark.parametrize("kinematics", ["plane strain", "plane stress"])
+def test_estimates_do_not_exceed_the_limit_load(kinematics):
     """On a few triangles elastic stresses are too small: then bounds of the limit load count.
 
     The lower number of the estimate was above the limit load.
     """
-    mesh = block.structured_mesh(count, count, simplices=True)
+    mesh = block.structured_mesh(2, 2, simplices=True)
     given = {"traction": {"contact": (1.0, 0.0)}, "kinematics": kinematics}
     problem = Problem(mesh, steel(0.3), "clamped", **given)
-    estimate = shakedown_load(problem, {"contact": (0, 1)}, 0.05)
-    limit = limit_load(problem, 0.05)
+    estimate = shakedown_load(problem, {"contact": (0, 1)}, 0.1)
+    limit = limit_load(problem, 0.1)
     assert not estimate.exact
     assert "estimate" in estimate.message
     assert estimate.collapses
     assert "limit load" in estimate.message
     assert estimate.lower <= limit.lower
     assert estimate.upper <= limit.upper
-    double = shakedown_load(problem, [{"contact": 2.0}], 0.05)
+    double = shakedown_load(problem, [{"contact": 2.0}], 0.1)
     assert double.lower == pytest.approx(estimate.lower / 2, rel=1e-9)

@@ -90,7 +90,7 @@ def finer(feature):
     """The result of the witness with the edges of the mesh halved."""
     problem = problem_of(feature)
     if feature == "hexahedra":  # Netgen does not refine them
-        return again(replace(problem, mesh=block.structured_mesh(4, 4, 4)))
+        return again(replace(problem, mesh=block.structured_mesh(3, 3, 3)))
     return on_a_finer_mesh(problem)
 
 

@@ -157,7 +157,7 @@ def test_processes_return_results(method):
     if method not in multiprocessing.get_all_start_methods():
         pytest.skip(f"no {method} on this system")
     context = multiprocessing.get_context(method)
-    with ProcessPoolExecutor(2, mp_context=context) as pool:
+    with ProcessPoolExecutor(1, mp_context=context) as pool:
         results = list(pool.map(solved, GAPS))
     for gap, result in zip(GAPS, results, strict=True):
         assert result.primal_energy == pytest.approx(

@@ -40,6 +40,8 @@ LONG = {
     "large": "PETSc is needed",
     "mutants": "the tests of each fault",
     "processes": "PETSc is needed",
+    "table3_c0.01": "paths like those of table3",
+    "table3_c0.3": "paths like those of table3",
     "order_two/large": "PETSc is needed",
     "order_two/processes": "PETSc is needed",
     "order_two_large/processes": "PETSc is needed",

@@ -7,7 +7,7 @@ import pytest
 from ngepc import Status, primal_newton, semismooth_newton
 from ngepc.__main__ import main
 from ngepc.geometries import block, quarter_cube
-from ngepc.studies.step42 import WHOLE, Step42, multigrid_run, step42_problem
+from ngepc.studies.step42 import WHOLE, multigrid_run, step42_problem
 
 
 def test_quarter_stands_for_the_whole_body():
@@ -29,8 +29,26 @@ def test_multigrid_on_halved_cells_is_the_direct_solver():
     assert found.primal_energy == pytest.approx(direct.primal_energy, rel=1e-10)
 
 
-def test_methods_agree_and_every_run_takes_a_dozen_steps(tmp_path):
-    records = Step42(tmp_path, levels=2).run()
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The folder of a study of one level."""
+    folder = tmp_path_factory.mktemp("step42")
+    assert main(words(folder)) == 0
+    return folder
+
+
+def words(folder):
+    """The command that makes the study in a folder."""
+    return ["study", "step42", "--levels", "1", "--out", str(folder)]
+
+
+def records_of(folder):
+    """What the study has written there."""
+    return json.loads((folder / "step42.json").read_text())["cells"]
+
+
+def test_methods_agree_and_every_run_takes_a_dozen_steps(written):
+    records = records_of(written)
     for primal, default in zip(records[::2], records[1::2], strict=True):
         assert (primal["method"], default["method"]) == ("primal", "default")
         for key in ("contact_force", "energy", "peak_pressure"):
@@ -40,16 +58,14 @@ def test_methods_agree_and_every_run_takes_a_dozen_steps(tmp_path):
             assert record["iterations"] <= 14
 
 
-def test_study_writes_its_table_and_keeps_its_cells(tmp_path, monkeypatch):
-    arguments = ["study", "step42", "--levels", "1", "--out", str(tmp_path)]
-    assert main(arguments) == 0
-    text = (tmp_path / "step42.md").read_text()
-    cells = json.loads((tmp_path / "step42.json").read_text())["cells"]
+def test_study_writes_its_table_and_keeps_its_cells(written, monkeypatch):
+    text = (written / "step42.md").read_text()
+    cells = records_of(written)
     meshes = ["tetrahedra", "hexahedra", "hexahedra of step-42"]
     assert [c["mesh"] for c in cells] == [mesh for mesh in meshes for _ in range(2)]
     assert cells[-1]["contact_force"] == pytest.approx(37.3058, abs=5e-5)
     monkeypatch.setattr(
         "ngepc.studies.step42.timed", lambda *run: pytest.fail("solved again")
     )
-    assert main(arguments) == 0
-    assert (tmp_path / "step42.md").read_text() == text
+    assert main(words(written)) == 0
+    assert (written / "step42.md").read_text() == text
