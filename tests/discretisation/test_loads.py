@@ -122,7 +122,7 @@ def strip(width):
         ("quadrilaterals", 1),
         ("quadrilaterals", 2),
         ("tetrahedra", 1),
-        ("hexahedra", 2),
+        ("hexahedra", 1),
         ("prisms", 1),
     ],
 )

@@ -52,12 +52,18 @@ def exact_energy():
 
 
 @cache
+def manufactured_result(n, method="dual", order=1):
+    """The manufactured solution and the discrete one on n x n cells."""
+    mesh = block.structured_mesh(n, n, simplices=True)
+    exact = stretched_and_pressed(mesh, order=order)
+    return exact, solve(exact.problem, method)
+
+
+@cache
 def manufactured_errors(n, method="dual", order=1):
     """Errors of u in L2, of eps(u), of p and of J on n x n cells."""
-    exact = stretched_and_pressed(
-        block.structured_mesh(n, n, simplices=True), order=order
-    )
-    result, mesh = solve(exact.problem, method), exact.problem.mesh
+    exact, result = manufactured_result(n, method, order)
+    mesh = exact.problem.mesh
     return (
         norm(result.displacement - exact.displacement, mesh),
         norm(Sym(Grad(result.displacement)) - exact.strain, mesh),
@@ -109,8 +115,7 @@ def test_errors_of_the_manufactured_solution_are_small(manufactured):
 
 
 def test_manufactured_body_is_partly_elastic_and_partly_in_contact():
-    exact = stretched_and_pressed(block.structured_mesh(16, 16, simplices=True))
-    result = primal_newton(exact.problem)
+    exact, result = manufactured_result(16)
     plastic, contact = (
         result.history.records[-1].plastic_active,
         result.history.records[-1].contact_active,

@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import replace
+from io import BytesIO
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -46,11 +47,6 @@ from ngepc.pictures.style import COLOURS, CONTACT, ELASTIC, PLASTIC, RC, save_fi
 from ngepc.primal.solver import primal_newton
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import History
-
-
-def picture(figure, path):
-    figure.savefig(path, dpi=60)
-    return imread(path)[..., :3]
 
 
 def strips(values, areas):
@@ -102,17 +98,19 @@ FIGURES = {
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_are_drawn_without_pyplot(name, tmp_path, request):
+def test_figures_are_drawn_without_pyplot(name, request):
     if "3D" in name:
         request.getfixturevalue("draws_solids")
     before, figure = plt.get_fignums(), FIGURES[name]()
-    pixels = picture(figure, tmp_path / "figure.png")
+    figure.set_dpi(60)
+    shown = figure._repr_png_()
+    assert shown.startswith(b"\x89PNG")
+    pixels = imread(BytesIO(shown))[..., :3]
     ink = (pixels < 0.95).any(axis=2)
     assert 0.01 < ink.mean() < 0.95
     assert not ink[0].any()
     assert not ink[:, 0].any(), "something is cut off at the left"
     assert plt.get_fignums() == before
-    assert figure._repr_png_().startswith(b"\x89PNG")
 
 
 def test_a_picture_is_laid_out_like_a_drawn_one():

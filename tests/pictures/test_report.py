@@ -222,17 +222,25 @@ def test_vectors_and_mappings_get_columns_of_their_own():
     assert {k for table in tables for row in table for k in row} == set(wide[0])
 
 
-def solved_and_history():
-    problem = lshape_problem(lshape.paper_mesh(113))
-    return semismooth_newton(problem), evolve(problem, load_cycle(problem, [1.0], 2))
+@pytest.fixture(scope="module")
+def solved():
+    """Example (a)."""
+    return semismooth_newton(lshape_problem(lshape.paper_mesh(113)))
 
 
-def test_a_result_and_a_history_are_reports_of_their_own(tmp_path):
-    result, history = solved_and_history()
-    path = write_report(
-        tmp_path / "r.html", "L", result, history, units=UnitNames("mm", "MPa")
-    )
-    text = path.read_text(encoding="utf-8")
+@pytest.fixture(scope="module")
+def page(solved, tmp_path_factory):
+    """The report on a result, a history, and the numbers of its steps."""
+    path = tmp_path_factory.mktemp("report") / "r.html"
+    history = evolve(solved.problem, load_cycle(solved.problem, [1.0], 2))
+    rows = ("All numbers", [history.as_rows()])
+    units = UnitNames("mm", "MPa")
+    return write_report(path, "L", solved, history, rows, units=units)
+
+
+def test_a_result_and_a_history_are_reports_of_their_own(solved, page):
+    result = solved
+    text = page.read_text(encoding="utf-8")
     read = Reader(text)
     for heading in ("The problem", "The answer", "Pictures", "The steps", "Curves"):
         assert f"<h2>{heading}</h2>" in text
@@ -250,12 +258,9 @@ def test_a_result_and_a_history_are_reports_of_their_own(tmp_path):
 
 
 @pytest.mark.skipif(chromium() is None, reason="no Chromium or Chrome is installed")
-def test_reports_print_on_a4_without_cut_tables(tmp_path):
-    result, history = solved_and_history()
-    rows = ("All numbers", [history.as_rows()])
-    path = write_report(tmp_path / "r.html", "L", result, history, rows)
+def test_reports_print_on_a4_without_cut_tables(page):
     with Browser(673, 1000) as tab:  # the width of A4 within its margins, in CSS pixels
-        tab.open(path)
+        tab.open(page)
         tab.call("Emulation.setEmulatedMedia", media="print")
         widths = tab.evaluate(
             "[...document.querySelectorAll('table')].map(t => t.scrollWidth)"

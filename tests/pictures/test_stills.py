@@ -1,6 +1,7 @@
 """Still pictures of solids: what is in front hides what is behind, in the colours of the scale."""
 
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,7 +33,9 @@ def box():
     return np.concatenate(faces) * SIZE, np.repeat(np.arange(6.0), 6).reshape(12, 3)
 
 
+@cache
 def seen(around, above):
+    """A picture of the box from there, and its scale."""
     scale = ScalarMappable(Normalize(0, 5), colormaps["tab10"].resampled(6))
     return solid_image(*box(), scale, view=(around, above)), scale
 

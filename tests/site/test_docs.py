@@ -62,14 +62,18 @@ On the mesh of the first steps all other pages begin.
 """
 
 BUILD = """import gc, sys
+from functools import cache
 sys.modules["rfc3987_syntax"] = None
 import sphinx.cmd.build as sphinx
+from sphinx.search.en import SearchEnglish
+SearchEnglish.stem = cache(SearchEnglish.stem)
 gc.disable()
 raise SystemExit(sphinx.main())
 """
 """``python -m sphinx`` without the search for garbage among the nodes of all pages.
 
 Nor with the grammar of international addresses, which takes seconds to read and checks nothing.
+Words have one stem on all pages.
 """
 
 
