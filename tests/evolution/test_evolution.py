@@ -491,9 +491,7 @@ def test_restart_in_the_middle_of_a_cut_step(cut, tmp_path):
         raise StopIteration
 
     evolve(problem, schedule, solver, checkpoint=file, monitor=interrupt)
-    assert (
-        evolve(problem, schedule, solver, checkpoint=file).as_rows() == cut.as_rows()
-    )
+    assert evolve(problem, schedule, solver, checkpoint=file).as_rows() == cut.as_rows()
 
 
 def test_damaged_and_foreign_checkpoints_are_refused_and_kept(tmp_path):

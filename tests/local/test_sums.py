@@ -62,7 +62,7 @@ def bodies(comm):
 
     Those of ``steps`` are solved for two steps, on a mesh before its refinement.
     """
-    whole = block.structured_mesh(2, 2, 1, simplices=True)
+    whole = block.structured_mesh(2, 2, 2, simplices=True)
     coarse = parts.distribute(whole if comm.rank == 0 else None, comm)
     pressed = {"contact": "contact", "gap": -0.03, "order": 1}
     yield "steps", Problem(coarse, METAL, friction=Coulomb(0.3), **pressed)

@@ -56,7 +56,7 @@ COARSER = {
     "04_regularisation.ipynb": {
         "problem = lshape_problem(lshape.paper_mesh(113))": (
             "problem = lshape_problem(lshape.paper_mesh(65))"
-        ),
+        )
     },
     "07_indentation_3d.ipynb": {
         "times=(1, 2, 3, 3.25, 3.5, 4)": "times=(1.5, 2.5, 3, 4)",
@@ -83,7 +83,10 @@ COARSER = {
     "exercises/1_newton_without_armijo.ipynb": {
         "max_iterations=80": "max_iterations=8"
     },
-    "exercises/3_new_hardening_law.ipynb": {"steps=40": "steps=6", "steps=14": "steps=2"},
+    "exercises/3_new_hardening_law.ipynb": {
+        "steps=40": "steps=6",
+        "steps=14": "steps=2",
+    },
     "exercises/8_calibration.ipynb": {"block.mesh(0.25,": "block.mesh(0.5,"},
     "solutions/1_newton_without_armijo.ipynb": {
         "gammas = (1e2, 1e3, 1e4, 1e5)": "gammas = (1e2, 1e4, 1e5)",
@@ -94,7 +97,7 @@ COARSER = {
     "solutions/3_new_hardening_law.ipynb": {
         "example = lshape_problem(lshape.paper_mesh(113))": (
             "example = lshape_problem(lshape.paper_mesh(65))"
-        ),
+        )
     },
     "solutions/6_own_path.ipynb": {
         "paper_mesh(873)": "paper_mesh(245)",
