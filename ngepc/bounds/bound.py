@@ -41,7 +41,7 @@ from ngepc.bounds.solid import SolidBoundData
 from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
 from ngepc.bounds.transfer import check_free_of_functions
 from ngepc.bounds.upper_energy import changes
-from ngepc.checks.sentences import at_most_percent, in_words, outward
+from ngepc.checks.sentences import ROUNDING, at_most_percent, in_words, outward
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.sampled import sampled_data, what_is_unseen
@@ -195,8 +195,9 @@ class ErrorBound:
     def __str__(self) -> str:
         if not math.isfinite(self.total):
             return f"energy error without a finite bound ({self.kind})"
-        total = outward(0.0, max(self.total, 0.0), 3)[1]
-        part = at_most_percent(max(self.relative, 0.0), 3)
+        hidden = ROUNDING * self.strain_energy
+        total = outward(0.0, max(self.total, hidden), 3)[1]
+        part = at_most_percent(self.relative, 3)
         return (
             f"energy error at most {total}, {part} of the strain energy ({self.kind})"
         )

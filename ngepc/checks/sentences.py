@@ -13,6 +13,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, Mesh
 
 ADDRESS = " at 0x"  # part of what Python prints for an object without words of its own
+ROUNDING = 1e-14  # part of an energy that rounding errors may hide
 SHOWN = 12  # entries of a long sequence that a message shows
 
 
@@ -101,8 +102,11 @@ def in_percent(part: float, digits: int = 2) -> str:
 
 
 def at_most_percent(part: float, digits: int = 2) -> str:
-    """As ``in_percent``, rounded up, so that a bound stays true: .0342 gives "3.5 percent"."""
-    return _rounded(part, Context(digits, ROUND_CEILING))
+    """As ``in_percent``, rounded up, so that a bound stays true: .0342 gives "3.5 percent".
+
+    It is at least 1e-12 percent: rounding errors hide what is smaller.
+    """
+    return _rounded(max(part, ROUNDING), Context(digits, ROUND_CEILING))
 
 
 def _rounded(part: float, context: Context) -> str:
@@ -130,4 +134,5 @@ def interval_in_words(lower: float, upper: float, kind: str) -> str:
     digits = min(max(2 - math.floor(math.log10(max(half, 1e-9))), 2), 6)
     middle = float(f"{(lower + upper) / 2:.{digits}g}")
     part = max(upper - middle, middle - lower) / abs(middle)
-    return f"{middle:.{digits}g} +- {at_most_percent(part)} ({ends}, {kind})"
+    half = _rounded(part, Context(2, ROUND_CEILING))
+    return f"{middle:.{digits}g} +- {half} ({ends}, {kind})"

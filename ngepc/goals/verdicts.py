@@ -165,7 +165,7 @@ def confidence(result: object) -> str:
         return _estimated(result, problem, str(error))
     if not math.isfinite(bound.total):
         return _estimated(result, problem, "the error bound is infinite")
-    size = at_most_percent(max(bound.relative, 0.0))
+    size = at_most_percent(bound.relative)
     if bound.guaranteed:
         return f"Guaranteed: the energy error is at most {size}."
     return (

@@ -24,7 +24,7 @@ from ngepc.geometries import block
         (1.94, "190 percent", "200 percent"),
         (0.0342, "3.4 percent", "3.5 percent"),
         (0.5, "50 percent", "50 percent"),
-        (0.0, "0 percent", "0 percent"),
+        (0.0, "0 percent", "1e-12 percent"),
         (270.0, "27000 percent", "27000 percent"),
         (math.inf, "inf percent", "inf percent"),
     ],
