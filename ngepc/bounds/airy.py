@@ -36,6 +36,24 @@ LEVEL = 1e-9
 """Smaller components of a unit normal and smaller eigenvalues count as zero."""
 
 
+LOWER = np.tril_indices(3)
+"""The pairs of vertices whose blocks (3, 3) of a stiffness matrix are kept."""
+
+
+def kept_entries(n: int) -> np.ndarray:
+    """The entries of a symmetric matrix n x n, row by row, from which ``AirySpace`` takes blocks.
+
+    First those of the pairs ``LOWER`` of vertices, (3, 3, 6), then those of the vertices with the
+    n - 9 other unknowns, then those of the others.
+    """
+    number = np.arange(n * n).reshape(n, n)
+    a, b = LOWER
+    pairs = number[:9, :9].reshape(3, 3, 3, 3)[a, :, b].transpose(1, 2, 0)
+    return np.concatenate(
+        [pairs.ravel(), number[:9, 9:].ravel(), number[9:, 9:].ravel()]
+    )
+
+
 class Rule:
     """The points of a triangle at which stresses are stored, and the Airy stresses there.
 
@@ -43,7 +61,8 @@ class Rule:
     points of each part.  ``shares`` (q, 3) are their barycentric coordinates; ``weights`` (3 q,)
     add up to one; ``nodal`` (q, q) gives values at the nodes of a part, ``rows`` (9 q, n) stresses
     times det J from the n unknowns of a triangle, ``forces`` is the same with the weights,
-    ``stiffness`` (3 q, 6, n^2) the stiffness of a triangle from six compliances at each point.
+    ``stiffness`` (3 q, 6, .) entries of the stiffness of a triangle, see ``kept_entries``, from six
+    compliances at each point.
     """
 
     def __init__(self, degree: int) -> None:
@@ -57,7 +76,8 @@ class Rule:
             rows = np.concatenate([rows, more], axis=2)
         products = np.einsum("q,qim,qjn->qijmn", self.weights, rows, rows)
         products += (1 - np.eye(3))[:, :, None, None] * products.swapaxes(1, 2)
-        self.stiffness = products[:, FIRST, SECOND].reshape(len(rows), 6, -1)
+        entries = products[:, FIRST, SECOND].reshape(len(rows), 6, -1)
+        self.stiffness = entries[..., kept_entries(rows.shape[2])]
         self.rows = rows.reshape(3 * len(rows), -1)
         self.forces = np.repeat(self.weights, 3)[:, None] * self.rows
 
@@ -71,18 +91,37 @@ for _k, (_i, _j) in enumerate(PAIRS):
     for _v in (_i, _j):
         EDGE_ROWS[_k, 3 * _v + 1 : 3 * _v + 3] = -0.75 * LEGS[_k]
 
-LOWER = np.tril_indices(3)
-"""The pairs of vertices whose blocks (3, 3) of a stiffness matrix are kept."""
+
+def joined_blocks(
+    corners: np.ndarray, cross: np.ndarray, rest: np.ndarray
+) -> np.ndarray:
+    """The matrices (n, n, nt) of the triangles from the blocks of ``AirySpace.stiffness``."""
+    n = 9 + len(rest)
+    whole = np.empty((n, n, rest.shape[2]))
+    for pair, (a, b) in enumerate(zip(*LOWER, strict=True)):
+        i, j = (slice(3 * v, 3 * v + 3) for v in (a, b))
+        whole[i, j] = corners[:, :, pair]
+        whole[j, i] = corners[:, :, pair].swapaxes(0, 1)
+    whole[:9, 9:] = cross
+    whole[9:, :9] = cross.swapaxes(0, 1)
+    whole[9:, 9:] = rest
+    return whole
+
+
+def turn(x: np.ndarray, y: np.ndarray, J: np.ndarray) -> None:
+    """Replace vectors with the components x and y (..., nt) by J (2, 2, nt) times these."""
+    first = J[0, 0] * x
+    first += J[0, 1] * y
+    y *= J[1, 1]
+    y += J[1, 0] * x
+    x[:] = first
 
 
 def turned(values: np.ndarray, J: np.ndarray) -> np.ndarray:
     """Values and gradients at vertices, (9, ., nt) or (9, nt), the latter times J (2, 2, nt)."""
     result = values.copy()
-    for first in (1, 4, 7):
-        x = values[first]
-        y = values[first + 1]
-        result[first] = J[0, 0] * x + J[0, 1] * y
-        result[first + 1] = J[1, 0] * x + J[1, 1] * y
+    each = result.reshape(3, 3, *values.shape[1:])
+    turn(each[:, 1], each[:, 2], J)
     return result
 
 
@@ -101,7 +140,8 @@ class AirySpace:
 
     ``unknowns`` (n, nt) are the numbers of the unknowns of each triangle: first ``vertices``
     unknowns of vertices, three each, then those of edges.  The unknowns that are ``free`` do not
-    change given tractions.  ``area`` (nt,) are the areas of the triangles.
+    change given tractions.  ``area`` (nt,) are the areas of the triangles, ``numbers`` those of the
+    unknowns in the space of the whole mesh.
     """
 
     of_triangles = ("det", "area", "unknowns", "_piola", "_J", "_along", "_across")
@@ -128,6 +168,8 @@ class AirySpace:
             free += [even, bend, np.ones(3 * nt, dtype=bool)]
         self.unknowns = np.concatenate(unknowns)
         self.free = np.concatenate(free)
+        self.numbers = np.arange(len(self.free))
+        self._times = np.bincount(self.unknowns.ravel(), minlength=len(self.free))
         self._set_maps()
 
     def _held(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -192,15 +234,35 @@ class AirySpace:
         """The space on some of the triangles, with the same unknowns."""
         part = copy(self)
         for name in self.of_triangles:
-            setattr(part, name, getattr(self, name)[..., chosen])
+            values = getattr(self, name)
+            if isinstance(chosen, slice):
+                values = values[..., chosen]
+            else:
+                values = values.take(chosen, axis=-1)
+            setattr(part, name, values)
+        return part
+
+    def alone(self, chosen: np.ndarray) -> AirySpace:
+        """The space on some of the triangles; unknowns that others share are not free."""
+        part = self.of(chosen)
+        part.numbers, places, times = np.unique(
+            part.unknowns, return_inverse=True, return_counts=True
+        )
+        part.unknowns = places.reshape(part.unknowns.shape)
+        part.free = self.free[part.numbers] & (times == self._times[part.numbers])
+        part.vertices = int(np.searchsorted(part.numbers, self.vertices))
+        part.frames = self.frames.among(part.numbers[: part.vertices : 3] // 3)
         return part
 
     def gathered(self, local: np.ndarray) -> np.ndarray:
         """Sums over the triangles of values for their unknowns (n, nt)."""
-        sums = np.bincount(
+        return self.frames.into(self.summed(local))
+
+    def summed(self, local: np.ndarray) -> np.ndarray:
+        """The same for values that belong to the unknowns themselves, in their frames."""
+        return np.bincount(
             self.unknowns.ravel(), local.ravel(), minlength=len(self.free)
         )
-        return self.frames.into(sums)
 
     def _set_maps(self) -> None:
         """The parts of the map from the unknowns of a triangle to those of the reference.
@@ -260,21 +322,29 @@ class AirySpace:
         return result
 
     def _blocks(self, K: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The blocks of T' K T for stiffness matrices K (n, n, nt) on the reference triangle.
+        """The blocks of T' K T for ``kept_entries`` (., nt) of matrices K of the reference.
 
-        T is the map to the reference triangle; the blocks are those of the vertices (9, 9, nt),
-        those of the vertices with the others, and those of the others.
+        T is the map to the reference triangle; the blocks are those of ``stiffness``.
         """
+        n, nt = self.unknowns.shape
+        corners, cross, rest = np.split(K, np.cumsum([54, 9 * (n - 9)]))
+        corners = corners.reshape(3, 3, 6, nt)
+        cross = cross.reshape(9, n - 9, nt)
+        rest = rest.reshape(n - 9, n - 9, nt)
+        bent = EDGE_ROWS.T @ (self._along[:, None] * rest[:3]).reshape(3, -1)
+        bent = bent.reshape(cross.shape)
+        both = (cross[:, :3] + bent[:, :3] / 2) * self._along
+        both = EDGE_ROWS.T @ both.swapaxes(0, 1).reshape(3, -1)
+        both = both.reshape(3, 3, 3, 3, nt)
+        for pair, (a, b) in enumerate(zip(*LOWER, strict=True)):
+            corners[:, :, pair] += both[a, :, b]
+            corners[:, :, pair] += both[b, :, a].swapaxes(0, 1)
         back = self._J.swapaxes(0, 1)
-        others = K[9:, 9:]
-        bent = EDGE_ROWS.T @ (self._along[:, None] * others[:3]).reshape(3, -1)
-        bent = bent.reshape(9, *others.shape[1:])
-        cross = self._combined((K[:9, 9:] + bent).swapaxes(0, 1)).swapaxes(0, 1)
-        both = (K[9:12, :9] + bent[:, :3].swapaxes(0, 1) / 2) * self._along[:, None]
-        both = (EDGE_ROWS.T @ both.reshape(3, -1)).reshape(9, 9, -1)
-        corners = turned(K[:9, :9] + both + both.swapaxes(0, 1), back)
-        corners = turned(corners.swapaxes(0, 1), back)
-        rest = self._combined(self._combined(others).swapaxes(0, 1))
+        turn(corners[1], corners[2], back)
+        turn(corners[:, 1], corners[:, 2], back)
+        cross += bent
+        cross = self._combined(cross.swapaxes(0, 1)).swapaxes(0, 1)
+        rest = self._combined(self._combined(rest).swapaxes(0, 1))
         return corners, turned(cross, back), rest
 
     def _compliances(self, H: np.ndarray) -> np.ndarray:
@@ -287,24 +357,23 @@ class AirySpace:
     def stiffness(self, H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Stiffness of the triangles from d2 phi*/dz2 at one point or all, (nt, ., 3, 3).
 
-        The blocks of the pairs ``LOWER`` of vertices, (6, 3, 3, nt); those of the vertices with the
+        The blocks of the pairs ``LOWER`` of vertices, (3, 3, 6, nt); those of the vertices with the
         n - 9 other unknowns, (9, n - 9, nt); those of the others.
         """
         n, nt = self.unknowns.shape
         table = self.rule.stiffness
-        table = (table if H.shape[1] > 1 else table.sum(axis=0)).reshape(-1, n * n).T
-        corners = np.empty((6, 3, 3, nt))
-        cross = np.empty((9, n - 9, nt))
-        rest = np.empty((n - 9, n - 9, nt))
+        table = table if H.shape[1] > 1 else table.sum(axis=0)
+        table = table.reshape(-1, table.shape[-1]).T.copy()
+        blocks = tuple(
+            np.empty((*shape, nt)) for shape in ((3, 3, 6), (9, n - 9), (n - 9, n - 9))
+        )
         for cells in portions(nt, AT_ONCE):
             part = self.of(cells)
-            K = (table @ part._compliances(H[cells])).reshape(n, n, -1)
-            whole, beside, rest[..., cells] = part._blocks(K)
-            self.frames.turn(whole, beside, part.unknowns[:9:3] // 3)
-            cross[..., cells] = beside
-            for pair, (a, b) in enumerate(zip(*LOWER, strict=True)):
-                corners[pair, ..., cells] = whole[3 * a : 3 * a + 3, 3 * b : 3 * b + 3]
-        return corners, cross, rest
+            found = part._blocks(table @ part._compliances(H[cells]))
+            self.frames.turn(*found[:2], part.unknowns[:9:3] // 3, LOWER)
+            for whole, values in zip(blocks, found, strict=True):
+                whole[..., cells] = values
+        return blocks
 
     def stress(self, x: np.ndarray) -> np.ndarray:
         """In-plane stress coordinates at the points, (nt, points, 3), of all unknowns x."""

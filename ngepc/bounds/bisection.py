@@ -93,7 +93,8 @@ class Bisection:
         """The triangles with a side that is cut."""
         at_ends = np.zeros(len(self.points), dtype=bool)
         at_ends[self.ends] = True
-        near = np.flatnonzero(at_ends[self.nodes].sum(axis=1) >= 2)
+        a, b, c = at_ends[self.nodes.T]
+        near = np.flatnonzero((a & b) | (b & c) | (c & a))
         around = self.nodes[near]
         sides = np.sort(np.stack([around, np.roll(around, 1, axis=1)], axis=2), axis=2)
         return near[self._is_cut(sides).any(axis=1)]

@@ -7,6 +7,8 @@ the orthonormal columns of Q, so that the first one alone is held.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
@@ -106,13 +108,27 @@ class RollerFrames:
                 rows[each, 3 * end + 1 + k] += sign * self._directions[:, k]
         return rows
 
+    def among(self, vertices: np.ndarray) -> RollerFrames:
+        """The frames at those of some vertices of the mesh, which get new numbers."""
+        part = copy(self)
+        place = self._place[vertices]
+        part.vertices = np.flatnonzero(place >= 0)
+        part.frames = self.frames[place[part.vertices]]
+        part._place = np.full(len(vertices), -1)
+        part._place[part.vertices] = np.arange(len(part.vertices))
+        return part
+
     def turn(
-        self, corners: np.ndarray, beside: np.ndarray, vertices: np.ndarray
+        self,
+        corners: np.ndarray,
+        beside: np.ndarray,
+        vertices: np.ndarray,
+        pairs: tuple[np.ndarray, np.ndarray],
     ) -> None:
         """Turn stiffness matrices of triangles with these ``vertices`` (3, nt), in place.
 
-        ``corners`` (9, 9, nt) are the blocks of the vertices, ``beside`` (9, ., nt) those with
-        other unknowns.
+        ``corners`` (3, 3, pairs, nt) are the blocks of ``pairs`` of vertices, ``beside`` (9, ., nt)
+        those of vertices with other unknowns.
         """
         for corner, own in enumerate(vertices):
             place = self._place[own]
@@ -121,11 +137,16 @@ class RollerFrames:
                 continue
             Q = self.frames[place[there]]
             rows = slice(3 * corner + 1, 3 * corner + 3)
-            for block in (corners, beside):
-                part = block[rows][..., there]
-                block[rows, :, there] = np.einsum("tia,ijt->ajt", Q, part)
-            part = corners[:, rows][..., there]
-            corners[:, rows, there] = np.einsum("tja,ijt->iat", Q, part)
+            part = beside[rows][..., there]
+            beside[rows, :, there] = np.einsum("tia,ijt->ajt", Q, part)
+            for pair, ends in enumerate(zip(*pairs, strict=True)):
+                block = corners[:, :, pair]
+                if ends[0] == corner:
+                    part = block[1:][..., there]
+                    block[1:, :, there] = np.einsum("tia,ijt->ajt", Q, part)
+                if ends[1] == corner:
+                    part = block[:, 1:][..., there]
+                    block[:, 1:, there] = np.einsum("tja,ijt->iat", Q, part)
 
 
 def sine(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from ngsolve import H1, BitArray
 from scipy.sparse import csr_matrix
 
-from ngepc.bounds.airy import LOWER, AirySpace
+from ngepc.bounds.airy import LOWER, AirySpace, joined_blocks
 from ngepc.bounds.simplices import Simplices, marked
 from ngepc.discretisation.stiffness import Blocks, pattern_matrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
@@ -40,6 +40,28 @@ stress.
 """
 
 
+class ElementRows:
+    """Sparse matrices from the rows of element matrices, for unknowns with ``numbers`` (m, nt).
+
+    What several elements enter in one place stands there several times: sorting it would take
+    longer than all products.
+    """
+
+    def __init__(self, numbers: np.ndarray, count: int) -> None:
+        self._count = count
+        self._order = np.argsort(numbers.ravel(), kind="stable")
+        times = np.bincount(numbers.ravel(), minlength=count)
+        self._starts = np.append(0, np.cumsum(times))
+
+    def matrix(self, values: np.ndarray, columns: np.ndarray, width: int) -> csr_matrix:
+        """The sum of matrices (m, k, nt) whose columns have the numbers ``columns`` (k, nt)."""
+        _, k, count = values.shape
+        entries = values.transpose(0, 2, 1).reshape(-1, k)[self._order]
+        places = columns.T.astype(np.int32)[self._order % count]
+        data = (entries.ravel(), places.ravel(), k * self._starts)
+        return csr_matrix(data, shape=(self._count, width))
+
+
 class TwoLevels(Blocks):
     """K x = r for Airy functions, with a direct solver for vertices.
 
@@ -49,11 +71,8 @@ class TwoLevels(Blocks):
     N = 3
 
     def __init__(self, space: AirySpace, cells: Simplices) -> None:
-        self.space = space
         self._cells = cells
-        self._count = space.vertices
         nv = np.int64(len(cells.points))
-        self._times = np.bincount(space.unknowns.ravel(), minlength=len(space.free))
         self.matrix = pattern_matrix(H1(cells.mesh, order=1, dim=3))
         self.rows, self.columns, _ = lower_triangle(self.matrix)
         keys = self.rows * nv + self.columns
@@ -66,6 +85,21 @@ class TwoLevels(Blocks):
         places = [corner[:, i] if i == j else edge[:, 3 - i - j] for i, j in pairs]
         self._places = np.stack(places)
         self._right, self._left = (self.matrix.CreateColVector() for _ in range(2))
+        self._entries: np.ndarray | slice = slice(None)  # of the matrix
+        self._vertices: np.ndarray | slice = slice(None)  # of the mesh
+        self._take(space)
+
+    def _take(self, space: AirySpace) -> None:
+        """Solve for the free unknowns of a space."""
+        self.space = space
+        self._count = space.vertices
+        self._corners = space.unknowns[:9]
+        self._edges = space.unknowns[9:] - space.vertices
+        self._rows = ElementRows(self._edges, len(space.free) - space.vertices)
+        free = space.free[: self._count].reshape(-1, 3)
+        self._there = free.any(axis=1)
+        # the solver leaves out what is held as a whole
+        self.free = free | ~self._there[:, None]
 
     def another(self) -> TwoLevels:
         """The same unknowns with a matrix of its own."""
@@ -73,37 +107,54 @@ class TwoLevels(Blocks):
         result.matrix = self.matrix.CreateMatrix()
         return result
 
-    def update(
-        self, blocks: tuple[np.ndarray, ...], forces: Linear, chosen: np.ndarray | slice
-    ) -> None:
-        """Set the stiffness of some triangles; the unknowns of all others are held.
+    def on(self, space: AirySpace, chosen: np.ndarray) -> TwoLevels:
+        """The same for the space ``AirySpace.alone`` of some triangles, a matrix of its own.
+
+        Its unknowns alone have places in arrays; only the matrix for the direct solver keeps the
+        numbers of the mesh.
+        """
+        result = self.another()
+        result.matrix.AsVector()[:] = 0.0
+        result._turned = self._turned[:, chosen]
+        result._entries, places = np.unique(
+            self._places[:, chosen], return_inverse=True
+        )
+        result._places = places.reshape(self._places[:, chosen].shape)
+        result._vertices = space.numbers[: space.vertices : 3] // 3
+        own = np.zeros(len(self._there), dtype=int)
+        own[result._vertices] = np.arange(len(result._vertices))
+        result.rows = own[self.rows[result._entries]]
+        result.columns = own[self.columns[result._entries]]
+        result._take(space)
+        return result
+
+    def update(self, blocks: tuple[np.ndarray, ...], forces: Linear) -> None:
+        """Set the stiffness of the triangles.
 
         ``blocks`` are those of ``AirySpace.stiffness``, ``forces`` is the product with all
         unknowns, held ones too.  The solver for them is ``focused``.
         """
-        space = self.space
-        part = self.space.of(chosen)
-        count = self._count
-        self._corners = part.unknowns[:9]
-        self._edges = part.unknowns[9:] - count
-        corners, self._cross, rest = blocks
+        corners, cross, rest = blocks
         self._forces = forces
-        times = np.bincount(part.unknowns.ravel(), minlength=len(space.free))
-        self._free = space.free & (times == self._times)
-        free = self._free[:count].reshape(-1, 3)
-        self._there = free.any(axis=1)
-        # the solver leaves out what is held as a whole
-        self.free = free | ~self._there[:, None]
+        self._on_edges = self._rows.matrix(
+            cross.swapaxes(0, 1), self._corners, self._count
+        )
+        self._on_vertices = self._on_edges.T
+        if not self._is_whole:
+            self._joined = joined_blocks(*blocks)
         self._take_edges(rest)
-        swap = self._turned[:, None, None, chosen]
-        values = np.where(swap, corners.swapaxes(1, 2), corners)
-        where = self._places[:, chosen].ravel()
+        where = self._places.ravel()
         sums = np.empty((len(self.rows), 3, 3))
         for i, j in np.ndindex(3, 3):
-            sums[:, i, j] = np.bincount(where, values[:, i, j].ravel(), len(sums))
-        self.matrix.AsVector().FV().NumPy()[:] = self.held(sums).ravel()
-        self._is_whole = len(part.det) == len(space.det)
+            values = np.where(self._turned, corners[j, i], corners[i, j])
+            sums[:, i, j] = np.bincount(where, values.ravel(), len(sums))
+        self._values[self._entries] = self.held(sums)
         self._whole: TwoLevels | None = None
+
+    @property
+    def _values(self) -> np.ndarray:
+        """View of the blocks of the matrix."""
+        return self.matrix.AsVector().FV().NumPy().reshape(-1, 3, 3)
 
     def focused(
         self, per_cell: np.ndarray | None = None, share: float = SHARE
@@ -113,11 +164,10 @@ class TwoLevels(Blocks):
         ``per_cell`` is the bound on each triangle.  All vertices are taken without it, and if these
         would be most of the triangles.
         """
-        near = np.arange(len(self.space.det))
         if per_cell is not None:
             near = self._cells.around(marked(per_cell, share), RINGS)
-        if per_cell is not None and 2 * len(near) <= len(per_cell):
-            return self._with_factors(self._cells.nodes[near])
+            if 2 * len(near) <= len(per_cell):
+                return self._with_factors(self._cells.nodes[near])
         if self._whole is None:
             self._whole = self._with_factors(slice(None))
         return self._whole
@@ -127,14 +177,21 @@ class TwoLevels(Blocks):
         result = copy(self)
         chosen = np.zeros(len(self._there), dtype=bool)
         chosen[direct] = True
-        inside = BitArray((chosen & self._there).tolist())
+        inside = np.zeros(len(self._right), dtype=bool)
+        inside[self._vertices] = chosen & self._there
+        inside = BitArray(inside.tolist())
         result._inverse = self.matrix.Inverse(inside, inverse="sparsecholesky")
         result._others = np.flatnonzero(~chosen & self._there)
-        blocks = self.matrix.AsVector().FV().NumPy().reshape(-1, 3, 3)
+        blocks = self._values[self._entries]
         diagonal = blocks[self.rows == self.columns][result._others]
         result._inverse_blocks = DAMPED * inverses(diagonal)
         result._take_modes()
         return result
+
+    @property
+    def _is_whole(self) -> bool:
+        """Whether these are the unknowns of the whole mesh."""
+        return len(self.space.det) == len(self._cells.nodes)
 
     def _take_modes(self) -> None:
         """The resultants between supports on coarse meshes; free unknowns move with them."""
@@ -149,11 +206,11 @@ class TwoLevels(Blocks):
 
     def _of_vertices(self, r: np.ndarray) -> np.ndarray:
         """Approximate solution of the vertices' block."""
-        r = np.where(self._free[: self._count], r, 0.0)
-        self._right.FV().NumPy()[:] = r
+        r = np.where(self.space.free[: self._count], r, 0.0).reshape(-1, 3)
+        self._right.FV().NumPy().reshape(-1, 3)[self._vertices] = r
         self._left.data = self._inverse * self._right
-        x = self._left.FV().NumPy().reshape(-1, 3).copy()
-        alone = r.reshape(-1, 3)[self._others]
+        x = self._left.FV().NumPy().reshape(-1, 3)[self._vertices].copy()
+        alone = r[self._others]
         x[self._others] = np.einsum("nij,nj->ni", self._inverse_blocks, alone)
         return x.ravel()
 
@@ -161,25 +218,17 @@ class TwoLevels(Blocks):
         """K x; without modes x is zero at held unknowns, and so is the result."""
         if len(self._modes):
             return self._forces(x)
+        if not self._is_whole:
+            forces = np.einsum("ijt,jt->it", self._joined, x[self.space.unknowns])
+            return self.space.summed(forces) * self.space.free
         vertex = x[: self._count]
         edge = x[self._count :]
         self._right.FV().NumPy()[:] = vertex
         self._left.data = self.matrix * self._right
         of_edges = self._unscale * (self._edge_matrix @ (self._unscale * edge))
-        of_vertices = self._left.FV().NumPy() + self._on_vertices(edge)
-        return np.append(of_vertices, of_edges + self._on_edges(vertex)) * self._free
-
-    def _on_vertices(self, edge: np.ndarray) -> np.ndarray:
-        """The block of K that maps unknowns of edges to forces on vertices."""
-        forces = np.einsum("jit,it->jt", self._cross, edge[self._edges])
-        return np.bincount(self._corners.ravel(), forces.ravel(), minlength=self._count)
-
-    def _on_edges(self, vertex: np.ndarray) -> np.ndarray:
-        """The block of K that maps unknowns of vertices to forces on edges."""
-        forces = np.einsum("jit,jt->it", self._cross, vertex[self._corners])
-        return np.bincount(
-            self._edges.ravel(), forces.ravel(), minlength=len(self._scale)
-        )
+        of_vertices = self._left.FV().NumPy() + self._on_vertices @ edge
+        product = np.append(of_vertices, of_edges + self._on_edges @ vertex)
+        return product * self.space.free
 
     def precondition(self, r: np.ndarray) -> np.ndarray:
         """The preconditioner: an approximate solution of K x = r."""
@@ -190,18 +239,17 @@ class TwoLevels(Blocks):
 
     def _take_edges(self, K: np.ndarray) -> None:
         """The matrix of the edges, its diagonal scaled to one, and a bound of its eigenvalues."""
-        free = self._free[self._count :]
+        free = self.space.free[self._count :]
         edges = self._edges
-        row = np.repeat(edges, len(edges), axis=0).ravel()
-        column = np.tile(edges, (len(edges), 1)).ravel()
         own = np.einsum("kkt->kt", K).ravel()
         diagonal = np.bincount(edges.ravel(), own, len(free))
         self._unscale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         self._scale = free / self._unscale
-        values = K.ravel() * self._scale[row] * self._scale[column]
-        self._edge_matrix = csr_matrix(
-            (values, (row, column)), shape=(len(free), len(free))
-        )
+        scale = self._scale[edges]
+        scaled = K * scale
+        scaled *= scale[:, None]
+        self._edge_matrix = self._rows.matrix(scaled, edges, len(free))
+        self._edge_matrix.sum_duplicates()
         self._largest = abs(self._edge_matrix).sum(axis=1).max()
 
     def _of_edges(self, r: np.ndarray) -> np.ndarray:
@@ -223,8 +271,8 @@ class TwoLevels(Blocks):
         """Block Gauss-Seidel for the free unknowns: edges, vertices, edges again."""
         count = self._count
         edge = self._of_edges(r[count:])
-        vertex = self._of_vertices(r[:count] - self._on_vertices(edge))
-        edge -= self._of_edges(self._on_edges(vertex))
+        vertex = self._of_vertices(r[:count] - self._on_vertices @ edge)
+        edge -= self._of_edges(self._on_edges @ vertex)
         return np.concatenate([vertex, edge])
 
     def solve(self, right: np.ndarray, bound: float, gain: float, most: int) -> tuple:

@@ -5,7 +5,7 @@ For displacements of order two stresses are quadratic; those of Johnson and Merc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ngepc.bounds.data import (
 from ngepc.bounds.element import ELEMENTS, PAIRS
 from ngepc.bounds.levels import RINGS, TwoLevels
 from ngepc.bounds.polynomials import portions
-from ngepc.bounds.simplices import Simplices, marked, sliced, stored_by_cells
+from ngepc.bounds.simplices import Simplices, marked, of_cells, sliced, stored_by_cells
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import inverses
@@ -64,8 +64,14 @@ class StressFunctional:
     def of(self, chosen: np.ndarray | slice) -> StressFunctional:
         """The integral over some of the triangles."""
         return StressFunctional(
-            self.space.of(chosen), self.conjugate.of(chosen), self.strain[chosen]
+            self.space.of(chosen),
+            self.conjugate.of(chosen),
+            of_cells(self.strain, chosen),
         )
+
+    def alone(self, chosen: np.ndarray) -> StressFunctional:
+        """The same for stresses that are known on all other triangles."""
+        return replace(self.of(chosen), space=self.space.alone(chosen))
 
     def values(self, z: np.ndarray, at: Completed) -> np.ndarray:
         """The integral over each triangle by quadrature, for stresses at all points or one."""
@@ -173,7 +179,7 @@ class SecondOrderModel:
         """The same on some of the triangles."""
         whole = functional.of(cells)
         part = self.of(cells)
-        trial = z[cells]
+        trial = of_cells(z, cells)
         quadratic = part.values(trial, part.gradient(trial))
         return whole.values(trial, whole.conjugate.completed(trial)) - quadratic
 
@@ -208,32 +214,33 @@ def tightened(
     """
     there = slice(None)
     part = functional
+    whole = system
     gain = effort.gain
     search = None
     for step in range(effort.newton + 1):
         model = SecondOrderModel(part, centre)
-        system.update(part.space.stiffness(model.compliance), model.forces, there)
-        values, right = model.linearised(z[there])
+        system.update(part.space.stiffness(model.compliance), model.forces)
+        values, right = model.linearised(of_cells(z, there))
         if step == 0:
             search = AirySearch(system, model.compliance)
             bound = float((rest + values).sum())
         solver = system.focused(rest + values if step == 0 else None)
         x, promised = solver.solve(right, bound, gain, effort.steps)
         change = part.space.stress(x)
-        z[there] = z[there] + change if step == 0 else descended(part, z[there], change)
+        before = of_cells(z, there)
+        z[there] = before + change if step == 0 else descended(part, before, change)
         if step == effort.newton:
             break
-        remainder = model.remainder(part, z[there])
+        remainder = model.remainder(part, of_cells(z, there))
         bound = promised + remainder.sum()
         gain = LOCALLY * effort.gain
         if np.abs(remainder).sum() <= TRUST * bound:
             break
         worst = np.arange(len(z))[there][marked(np.abs(remainder), BROKEN)]
         there = cells.around(worst, RINGS)
-        part = functional.of(there)
-        centre = z[there]
-        if step == 0:
-            system = system.another()
+        part = functional.alone(there)
+        centre = of_cells(z, there)
+        system = whole.on(part.space, there)
     return z, search
 
 
@@ -325,7 +332,7 @@ class PlaneBoundData(BoundData):
             self.space, TangentCompliance(compliance), np.zeros((1, 1, 3))
         )
         model = SecondOrderModel(quadratic, np.zeros((len(compliance), 1, 3)))
-        system.update(self.space.stiffness(compliance), model.forces, slice(None))
+        system.update(self.space.stiffness(compliance), model.forces)
         return AirySearch(system, compliance)
 
     def adjoint_stress(

@@ -142,10 +142,25 @@ def marked(indicators: np.ndarray, share: float) -> np.ndarray:
     return result
 
 
+def of_cells(values: np.ndarray, chosen: np.ndarray | slice) -> np.ndarray:
+    """Values (cells, ...) on the chosen cells, in the same order in memory.
+
+    ``values[chosen]`` puts those of each cell together, also where those of all cells were.
+    """
+    if isinstance(chosen, slice) or values.ndim == 1:
+        return values[chosen]
+    last = values.transpose(*range(1, values.ndim), 0)
+    if not last.flags.c_contiguous:
+        return values[chosen]
+    numbers = np.flatnonzero(chosen) if chosen.dtype == bool else chosen
+    return last.take(numbers, axis=-1).transpose(-1, *range(values.ndim - 1))
+
+
 def sliced(whole: object, chosen: np.ndarray | slice, names: Sequence[str]) -> object:
     """A copy whose attributes ``names`` are restricted to the chosen cells."""
     part = copy(whole)
-    vars(part).update({name: getattr(whole, name)[chosen] for name in names})
+    found = {name: of_cells(getattr(whole, name), chosen) for name in names}
+    vars(part).update(found)
     return part
 
 

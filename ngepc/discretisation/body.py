@@ -396,8 +396,10 @@ class Floating:
                 [motions for motions, _ in found], axis=2
             )
         self._on_rows = body.contact.matrix @ self.motions.reshape(body.load.size, -1)
-        soft = SOFT[body.contact.friction.d > 0] if found else 0.0
-        self.springs = soft / len(body.load) * body.stiffness_diagonal
+        self.springs = np.zeros_like(body.load)
+        if found:
+            soft = SOFT[body.contact.friction.d > 0]
+            self.springs = soft / len(body.load) * body.stiffness_diagonal
 
     def of_loads(self, body: DiscreteBody) -> Floating:
         """The same motions for a body with other loads and gaps."""

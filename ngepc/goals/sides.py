@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.bounds.polynomials import RULE, WEIGHTS, portions
+from ngepc.bounds.simplices import of_cells
 from ngepc.discretisation.resistance import Resistance
 from ngepc.goals.cutting import potential_integrals
 from ngepc.goals.supremum import ScaledLaw
@@ -73,7 +74,7 @@ class ResultOnParts:
         """Those on some of the parts."""
         values = (self.sigma, self.trial, self.mean)
         rest = self.law.of(chosen), self.size[chosen], self.owner[chosen]
-        return ResultOnParts(*(value[chosen] for value in values), *rest)
+        return ResultOnParts(*(of_cells(value, chosen) for value in values), *rest)
 
 
 def mean_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -129,8 +130,8 @@ class Sides:
         """The supremum on some of the parts."""
         return Sides(
             self.result.of(chosen),
-            self.tau[chosen],
-            self.strain[chosen],
+            of_cells(self.tau, chosen),
+            of_cells(self.strain, chosen),
             self.squares[:, chosen],
             self.linear[:, chosen],
         )

@@ -23,6 +23,7 @@ large by more than a small part of the width, parts take their place.
 
 from __future__ import annotations
 
+from copy import copy
 from functools import reduce
 
 import numpy as np
@@ -58,6 +59,14 @@ class Spread:
         self.largest = np.sqrt(largest_of(products(self._off, self._off)))
         self.square = reduce(np.add, [self._mean_square(row) for row in self._off])
 
+    def of(self, chosen: np.ndarray) -> Spread:
+        """The same on some of the cells."""
+        part = copy(self)
+        for name in ("mean", "_off", "largest", "square"):
+            setattr(part, name, getattr(self, name).take(chosen, axis=-1))
+        part._shape = (*self._shape[:2], len(chosen))
+        return part
+
     def square_along(self, direction: np.ndarray) -> np.ndarray:
         """Means of (direction : D)^2 for vectors (d, n), (n,)."""
         return self._mean_square(products(self._off, direction[:, None]))
@@ -86,8 +95,12 @@ def whole_means(
     quadratic = (square + pulled.square) / (4 * law.inner)
     if elastic.all():
         return quadratic, quadratic
-    bound, estimate = yielding_cells(law, pulled, y, v)
-    return np.where(elastic, quadratic, bound), np.where(elastic, quadratic, estimate)
+    other = np.flatnonzero(~elastic)
+    some = law.of_points(other)
+    found = yielding_cells(some, pulled.of(other), y[:, other], v[:, other])
+    bound, estimate = quadratic, quadratic.copy()
+    bound[other], estimate[other] = found
+    return bound, estimate
 
 
 def yielding_cells(

@@ -93,14 +93,11 @@ def error_indicators(result: ExactResult) -> GridFunction:
         bulk = np.einsum("ep,ep->e", share, 1 / law.bulk[at])
         shear = np.einsum("ep,ep->e", share, 1 / law.two_mu[at])
         direction = state.at.direction[at]
-        plastic = np.einsum(
-            "ep,epi,epj->eij", share * soft[at], direction, direction, optimize=True
-        )
         deviator = left[:, :, 1:]
+        along = np.einsum("eqi,epi->eqp", deviator, direction)
         density = bulk[:, None] * left[:, :, 0] ** 2
-        density += shear[:, None] * (deviator**2).sum(axis=2)
-        softened = np.matmul(deviator, plastic)  # the matrices are symmetric
-        density += np.einsum("eqi,eqi->eq", softened, deviator)
+        density += shear[:, None] * np.einsum("eqi,eqi->eq", deviator, deviator)
+        density += np.einsum("eqp,ep->eq", along**2, share * soft[at])
         values[shape.numbers] = 0.5 * (shape.weights() * density).sum(axis=1)
     return indicators
 
@@ -156,9 +153,9 @@ class ShapeIndicators:
 
     def difference(self, recovered: np.ndarray, stress: np.ndarray) -> np.ndarray:
         """Recovered nodal stresses less those at the points, (elements, fine points, s)."""
-        smooth = np.matmul(self.shapes, recovered[self.block.nodes])
-        rough = np.matmul(self.extended, stress[self.block.points])
-        return smooth - rough
+        smooth = np.tensordot(self.shapes, recovered[self.block.nodes.T], 1)
+        rough = np.tensordot(self.extended, stress[self.block.points.T], 1)
+        return (smooth - rough).swapaxes(0, 1)
 
 
 def averaged(

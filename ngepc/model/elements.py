@@ -194,7 +194,8 @@ def outward_normal(mesh: Mesh) -> CoefficientFunction:
 
 def has_more_corners(mesh: Mesh) -> bool:
     """Whether an element has more corners than a triangle or a tetrahedron."""
-    return bool((element_nodes(mesh)[:, mesh.dim + 1 : 2**mesh.dim] >= 0).any())
+    numbers = elements_in(mesh.ngmesh, mesh.dim)["nodes"]  # they begin at one
+    return bool((numbers[:, mesh.dim + 1 : 2**mesh.dim] > 0).any())
 
 
 def has_elements_with(mesh: Mesh, corners: int) -> bool:

@@ -10,7 +10,7 @@ import pytest
 from ngsolve import x
 
 from ngepc import Material, Problem, Swift, Tabulated, Voce, semismooth_newton
-from ngepc.bounds.airy import AirySpace
+from ngepc.bounds.airy import LOWER, AirySpace, kept_entries
 from ngepc.bounds.bound import bound_data_of, state_of
 from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.data import stress_coordinates
@@ -108,8 +108,10 @@ def test_stiffness_matrices_belong_to_the_map_of_the_unknowns(degree):
     random = np.random.default_rng(0).normal(size=(n, n, count))
     K = random + random.swapaxes(0, 1)
     whole = np.einsum("kit,klt,ljt->ijt", T, K, T, optimize=True)
-    blocks = space._blocks(K)
-    wanted = whole[:9, :9], whole[:9, 9:], whole[9:, 9:]
+    blocks = space._blocks(K.reshape(n * n, count)[kept_entries(n)])
+    a, b = LOWER
+    pairs = whole[:9, :9].reshape(3, 3, 3, 3, count)[a, :, b]
+    wanted = pairs.transpose(1, 2, 0, 3), whole[:9, 9:], whole[9:, 9:]
     for given, part in zip(blocks, wanted, strict=True):
         np.testing.assert_allclose(given, part, atol=1e-10)
 
