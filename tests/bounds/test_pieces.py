@@ -14,6 +14,7 @@ from ngepc.bounds.airy import LOWER, AirySpace, kept_entries
 from ngepc.bounds.bound import bound_data_of, state_of
 from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.data import stress_coordinates
+from ngepc.bounds.levels import TwoLevels
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
 from ngepc.goals.adjoint import AdjointProblem
@@ -114,6 +115,31 @@ def test_stiffness_matrices_belong_to_the_map_of_the_unknowns(degree):
     wanted = pairs.transpose(1, 2, 0, 3), whole[:9, 9:], whole[9:, 9:]
     for given, part in zip(blocks, wanted, strict=True):
         np.testing.assert_allclose(given, part, atol=1e-10)
+
+
+@pytest.mark.parametrize("degree", [3, 4])
+def test_some_triangles_alone_have_the_matrix_of_the_whole(degree):
+    """For unknowns that no other triangle shares: the same products, stresses and unknowns."""
+    bound_data, _ = solved()
+    cells = bound_data.cells
+    space = AirySpace(bound_data.boundary, degree, bound_data.piola)
+    chosen = cells.around(np.arange(3), 2)
+    part = space.alone(chosen)
+    H = np.tile(np.diag([1.0, 2.0, 3.0]), (len(cells.nodes), 1, 1, 1))
+    whole = TwoLevels(space, cells)
+    few = whole.on(part, chosen)
+    for system, own in ((whole, H), (few, H[chosen])):
+        system.update(system.space.stiffness(own), None)
+    x = np.random.default_rng(1).normal(size=len(part.free)) * part.free
+    same = np.zeros(len(space.free))
+    same[part.numbers] = x
+    assert 0 < np.count_nonzero(part.free) < np.count_nonzero(space.free)
+    whole._modes = few._modes = []
+    found, wanted = few.product(x), whole.product(same)
+    np.testing.assert_allclose(found, wanted[part.numbers] * part.free, atol=1e-9)
+    np.testing.assert_allclose(
+        part.stress(x), space.stress(same)[chosen], rtol=1e-12, atol=1e-9
+    )
 
 
 def test_a_straight_law_beyond_yield_is_integrated_exactly():
