@@ -340,7 +340,9 @@ def test_a_bound_that_stays_infinite_ends_the_run():
     assert found.goal is None
     assert not found.guaranteed
     assert str(found).startswith("UNDECIDED: no interval, required: at most 1. The err")
-    beyond = verdict(saturating(3.5), MeanDisplacement("right", 0), at_most=1.0)
+    beyond = verdict(
+        saturating(3.5), MeanDisplacement("right", 0), at_most=1.0, options=few
+    )
     assert str(beyond).endswith("the loads are at or beyond the limit load.")
 
 

@@ -14,7 +14,7 @@ TARGETS = {
 
 
 def test_the_table_has_adaptive_rows_and_the_pictures_are_written(
-    tmp_path, monkeypatch
+    tmp_path, monkeypatch, quickly_drawn
 ):
     monkeypatch.setattr(bounds, "TARGETS", TARGETS)
     monkeypatch.setattr(bounds, "SOLIDS", bounds.SOLIDS | {"sphere": (55,)})
