@@ -238,8 +238,6 @@ CASES = {
     "elastic": {"traction": {"right": (0.2, 0.1, 0.15)}},
     "contact": {"contact": "contact", "gap": 3e-4},
     "pressed": {"contact": "contact", "gap": -1e-3 + 1e-3 * x},
-    "springs": {"springs": {"contact": 300.0}},
-    "weight": {"body_force": (0.5, 0.3, -2.0)},
     "varying weight": {"body_force": (x * y, 3 * x - y**3, z)},
     "initial strain": {"initial_strain": 5e-4},
     "law": {

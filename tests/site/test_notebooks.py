@@ -58,6 +58,7 @@ COARSER = {
             "problem = lshape_problem(lshape.paper_mesh(65))"
         )
     },
+    "06_load_cycles.ipynb": {"maxh=0.05": "maxh=0.1"},
     "07_indentation_3d.ipynb": {
         "times=(1, 2, 3, 3.25, 3.5, 4)": "times=(1.5, 2.5, 3, 4)",
         "evolve(problem, path)": "evolve(replace(problem, order=1), path)",
@@ -67,12 +68,14 @@ COARSER = {
         "MESHES = (65, 113, 225)": "MESHES = (65, 225)",
         "(1e3, 1e2, 1e1, 1.0)": "(1e3, 1.0)",
     },
+    "11_guaranteed_error.ipynb": {"paper_mesh(33)), 0.01": "paper_mesh(33)), 0.03"},
     "12_calibration.ipynb": {
         "block.mesh(0.25,": "block.mesh(0.5,",
         '"yield_stress": 5.0, "hardening": 200.0': (
             '"yield_stress": 3.0, "hardening": 100.0'
         ),
     },
+    "13_friction_two_bodies.ipynb": {"(16, 8, size=(2, 1)": "(8, 4, size=(2, 1)"},
     "14_limit_loads.ipynb": {
         "limit_load(cut, relative_width=0.02)": "limit_load(cut, relative_width=0.04)",
         "limit_load(strip, relative_width=0.02)": (
