@@ -74,7 +74,8 @@ A method may cover two features but not both at once. These pairs are refused, t
 - `evolve(error=...)` with Hill's criterion or sub-elements needs triangles or tetrahedra and
   `order=1`. Quadrilaterals and hexahedra are cut into these, with displacements of order 2.
 - Receipts in three dimensions need `order=1`. They need obstacles that are affine on each facet
-  of the contact boundary.
+  of the contact boundary, and supports that hold each component on a side of the boundary across
+  it, or all components on some side.
 
 Bounds and brackets need coefficients that are constant on each element. "Guaranteed" means
 proved for data that are numbers, finite element functions or polynomials on each element, and for

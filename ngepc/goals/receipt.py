@@ -2,8 +2,8 @@
 
 The file contains mesh, data, displacement, stress and contact pressure in the form that
 ``check_receipt`` reads: fields are given by Bernstein coefficients, first those of the vertices,
-then those of the edges opposite to them.  The stress is given on the N + 1 parts of each cell on
-which that of the error bound is a polynomial; in part k the centre takes the place of vertex k.
+then those of the edges opposite to them.  Its cells are the N + 1 parts of the cells of the mesh,
+on which the stress of the error bound is a polynomial.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.polynomials import NODES, coefficients
-from ngepc.bounds.simplices import FACETS
 from ngepc.checks.kinds import require_instance, require_path
 from ngepc.discretisation.factors import Factors
 from ngepc.goals import check_receipt
 from ngepc.goals.adjoint_conditions import AdjointConditions
 from ngepc.goals.goal_bound import GoalBound
 from ngepc.goals.integrand import BoundPart
-from ngepc.goals.receipt_file import in_file_order, numbered_sides
+from ngepc.goals.receipt_file import basis_coordinates, in_file_order, lossy, with_hints
+from ngepc.goals.receipt_mesh import FileCells, Pieces
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State
@@ -57,6 +57,10 @@ EXACT = 1e-15
 """Tolerance of the conditions of an adjoint on contact facets."""
 WIDER = 1e-12
 """Fraction of the intervals by which claims are widened, for rounding on other machines."""
+BISECTIONS = 6
+"""No cell is bisected more often, but for its neighbours."""
+LOSS = 0.02
+"""Part of the error bound that the checker may lose on cells that are not bisected."""
 _CENTRE = {
     2: IntegrationRule([(1 / 3, 1 / 3)], [1.0]),
     3: IntegrationRule([(1 / 4, 1 / 4, 1 / 4)], [1.0]),
@@ -114,8 +118,7 @@ def write_receipt(
         bound = goal.bound
         bound_data = bound_data_of(bound.state.discrete)
     check_written(bound_data, bound)
-    layers, header = claims_of(bound_data, bound, goal)
-    words = in_file_order(layers, header)
+    words, header = words_of(bound_data, bound, goal)
     header |= widened(check_receipt.proved_intervals(words, header))
     np.savez(path, header=json.dumps(header), receipt=words)
     name = "" if goal is None else "goal "
@@ -135,30 +138,45 @@ def widened(proved: dict[str, float]) -> dict[str, float]:
     return claims
 
 
+def words_of(
+    bound_data: BoundData, bound: ErrorBound, goal: GoalBound | None
+) -> tuple[np.ndarray, dict[str, object]]:
+    """The words of the file, and its header without the intervals."""
+    u, header = claims_of(bound_data, bound, goal)
+    energy = {key: header[key] for key in header.keys() - {"goal", "factor"}}
+    pieces = Pieces(bound_data.cells, bound_data.problem.order)
+    for _ in range(BISECTIONS):
+        file = FileOf(bound_data, pieces)
+        words = in_file_order(file.cells, [receipt_arrays(file, bound, u)], energy)
+        marked = lossy(words, energy, LOSS * bound.total)
+        if not marked.any():
+            break
+        pieces.bisect(marked)
+    file = FileOf(bound_data, pieces)
+    layers = [receipt_arrays(file, bound, u)]
+    if goal is not None:
+        layers.append(goal_arrays(file, goal, u))
+    return with_hints(in_file_order(file.cells, layers, header), header), header
+
+
 def claims_of(
     bound_data: BoundData, bound: ErrorBound, goal: GoalBound | None
-) -> tuple[list[dict[str, np.ndarray]], dict[str, object]]:
-    """The layers of the file, and its header without the intervals."""
+) -> tuple[np.ndarray, dict[str, object]]:
+    """Nodal displacements of the file, and its header without sizes and intervals."""
     header = {
         "format": check_receipt.FORMAT,
         "made by": f"ngepc {__version__}",
         "kinematics": bound_data.problem.kinematics.name,
         "order": bound_data.problem.order,
     }
-    file = FileMesh(bound_data)
     largest = np.abs(bound.state.u).max(initial=0.0)
-    clearance = CLEAR_OF_GOAL * largest
     if goal is None:
-        clearance = CLEARANCE * largest
-        u = clear_state(bound_data, bound.state, clearance)
-        return [receipt_arrays(file, bound, u)], header
+        return clear_state(bound_data, bound.state, CLEARANCE * largest), header
     # rounding of z . n must be less than lambda times the distance
     moves = max(np.abs(goal.pair.z).max(), goal.terms.factor.max(initial=0.0))
-    factor = max(goal.factor * (1 + SPARE), NARROW * moves / clearance)
-    clearance = NARROW * moves / factor
-    u = clear_state(bound_data, bound.state, clearance)
-    layers = [receipt_arrays(file, bound, u), goal_arrays(file, goal, u)]
-    return layers, header | {"goal": goal.name, "factor": factor}
+    factor = max(goal.factor * (1 + SPARE), NARROW * moves / (CLEAR_OF_GOAL * largest))
+    u = clear_state(bound_data, bound.state, NARROW * moves / factor)
+    return u, header | {"goal": goal.name, "factor": factor}
 
 
 def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
@@ -189,22 +207,21 @@ def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
 
 
 def receipt_arrays(
-    file: FileMesh, bound: ErrorBound, u: np.ndarray
+    file: FileOf, bound: ErrorBound, u: np.ndarray
 ) -> dict[str, np.ndarray]:
     """The arrays of a receipt of an energy for nodal displacements ``u``."""
     bound_data = file.bound_data
-    stress = stress_coefficients(bound_data, bound)
-    u = file.displacement(u)
-    boundary = boundary_arrays(bound_data, bound, u)
-    file.set_on_supports(u, boundary, boundary["prescribed"])
-    mesh = {"points": file.points, "cells": file.cells, "u": u}
-    stress = {"stress": file.turned(stress)}
-    return mesh | stress | material_arrays(bound_data) | boundary
+    at = bound_data.at_nodes.completed(bound.admissible)
+    stress = np.concatenate([at.mean[..., None], at.deviator], axis=-1)
+    arrays = file.supports() | file.loads(bound)
+    arrays["body_force"] = file.cells.of_cells(constant_force(bound_data.problem))
+    arrays["law"] = file.cells.of_cells(law_rows(bound_data))
+    arrays["stress"] = file.stress(stress)
+    arrays["u"] = file.displacement(u, u)
+    return arrays
 
 
-def goal_arrays(
-    file: FileMesh, goal: GoalBound, u: np.ndarray
-) -> dict[str, np.ndarray]:
+def goal_arrays(file: FileOf, goal: GoalBound, u: np.ndarray) -> dict[str, np.ndarray]:
     """The goal and its adjoint pair, for the nodal displacements ``u`` of the receipt."""
     bound_data = file.bound_data
     terms = goal.terms
@@ -215,28 +232,21 @@ def goal_arrays(
     loaded = terms.load or bound_data.problem.changed(
         traction=None, body_force=None, pressure=None
     )
-    force = constant_force(loaded)
-    traction = vertex_tractions(Boundary(loaded, c))
     at_rest = np.zeros((len(c.points), c.N))
     moved = at_rest if terms.motion is None else terms.motion[: len(c.points)]
     pressure = np.zeros((len(c.facets), c.N))
     pressure[bound_data.boundary.contact] = goal.pair.pressure
     pushes = np.zeros(len(c.facets))
     pushes[bound_data.boundary.contact] = terms.factor
-
-    order = bound_data.problem.order
-    on_facets = {
-        "prescribed": moved[c.facets],
-        "traction": traction,
+    arrays = {
+        "traction": vertex_tractions(Boundary(loaded, c)),
         "pressure": pressure,
         "gap": np.repeat(pushes[:, None], c.N, axis=1),
     }
-    arrays = {name: elevated(v, order)[c.outer] for name, v in on_facets.items()}
-    arrays["body_force"] = force
-    stress = BoundPart(bound_data, goal.bound).stress(goal.pair)
-    arrays["stress"] = file.turned(tensor_coefficients(bound_data, stress))
-    arrays["u"] = file.displacement(z)
-    file.set_on_supports(arrays["u"], support_arrays(bound_data), arrays["prescribed"])
+    arrays = {name: file.cells.on_facets(values) for name, values in arrays.items()}
+    arrays["body_force"] = file.cells.of_cells(constant_force(loaded))
+    arrays["stress"] = file.stress(BoundPart(bound_data, goal.bound).stress(goal.pair))
+    arrays["u"] = file.displacement(z, moved)
     return arrays
 
 
@@ -255,80 +265,64 @@ def clear_state(bound_data: BoundData, state: State, clearance: float) -> np.nda
     return contact.cleared(state.u)
 
 
-class FileMesh:
-    """The mesh of a file: ``cells`` with ascending vertices, and the places of their ``sides``."""
+class FileOf:
+    """What a file has of the data of a bound: fields on its cells, and on their sides."""
 
-    def __init__(self, bound_data: BoundData) -> None:
-        c = bound_data.cells
+    def __init__(self, bound_data: BoundData, pieces: Pieces) -> None:
         self.bound_data = bound_data
-        self.points = c.points
-        self._order = c.nodes.argsort(axis=1)
-        self.cells = np.take_along_axis(c.nodes, self._order, axis=1)
-        self.sides = numbered_sides(self.cells)
+        self.cells = FileCells(pieces)
 
-    def set_on_supports(
-        self, u: np.ndarray, boundary: dict[str, np.ndarray], values: np.ndarray
-    ) -> None:
-        """Set coefficients at the nodes to ``values`` (sides, k, N) where supports hold them."""
-        nodes = boundary["boundary"]
+    def supports(self) -> dict[str, np.ndarray]:
+        """Which components are held, and which sides have an obstacle."""
+        boundary = self.bound_data.boundary
+        contact = np.zeros(len(self.bound_data.cells.facets), dtype=bool)
+        contact[boundary.contact] = True
+        arrays = {"held": ~boundary.given, "contact": contact}
+        return {name: self.cells.of_facets(v) for name, v in arrays.items()}
+
+    def loads(self, bound: ErrorBound) -> dict[str, np.ndarray]:
+        """Tractions, obstacle and pressure on the sides of the boundary."""
+        boundary = self.bound_data.boundary
+        c = self.bound_data.cells
+        gap = np.zeros((len(c.facets), c.N))
+        gap[boundary.contact] = boundary.gap
+        pressure = np.zeros((len(c.facets), c.N))
+        pressure[boundary.contact] = bound.pressure
+        arrays = {
+            "traction": vertex_tractions(boundary),
+            "gap": gap,
+            "pressure": pressure,
+        }
+        return {name: self.cells.on_facets(v) for name, v in arrays.items()}
+
+    def displacement(self, u: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """Coefficients of nodal displacements, equal to ``given`` (vertices, N) on supports."""
+        c = self.bound_data.cells
+        local = u[c.nodes]
         if self.bound_data.problem.order == 2:
-            out = np.flatnonzero(self.sides[0] == self.sides[1])
-            nodes = np.column_stack([nodes, len(self.points) + out])
-        held = np.repeat(boundary["held"][:, None], nodes.shape[1], axis=1)
+            local = np.hstack([local, np.zeros_like(local)])
+            nodes = self.bound_data.discrete.points.blocks[0].nodes
+            for k, (i, j) in enumerate(EDGES[2]):
+                bubble = BUBBLE / 2 * u[nodes[:, 3 + k]]
+                local[:, 6 - i - j] = (local[:, i] + local[:, j]) / 2 + bubble
+        found = self.cells.displacement(local)
+        ends = self.cells.ends()
+        held = np.repeat(self.supports()["held"][:, None], ends.shape[1], axis=1)
         side, place, component = np.nonzero(held)
-        u[nodes[side, place], component] = values[held]
+        on_sides = self.cells.on_facets(given[c.facets])
+        found[ends[side, place], component] = on_sides[held]
+        return found
 
-    def turned(self, c: np.ndarray) -> np.ndarray:
-        """Coefficients on the parts (cells, parts, k, ...), reordered as the vertices of cells.
-
-        On part k they are given at the vertices of facet k, and at the centre.
-        """
-        N = self.bound_data.cells.N
-        place = np.array(
-            [
-                [FACETS[N][k].index(v) if v != k else N for v in range(N + 1)]
-                for k in range(N + 1)
-            ]
-        )
-        part = self._order[:, :, None]
-        place = place[part, self._order[:, None]]
-        if c.shape[1] > N + 1:
-            place = np.concatenate([place, place + N + 1], axis=2)
-        c = c.reshape(len(self.cells), N + 1, *c.shape[1:])
-        cell = np.arange(len(c))[:, None, None]
-        return c[cell, part, place]
-
-    def displacement(self, u: np.ndarray) -> np.ndarray:
-        """Coefficients at vertices, and sides for order two, from nodal displacements."""
-        vertices = u[: len(self.points)]
-        if self.bound_data.problem.order == 1:
-            return vertices.copy()
-        nodes = self.bound_data.discrete.points.blocks[0].nodes
-        on_edges = np.zeros((len(nodes), 3, u.shape[1]))
-        for k, (i, j) in enumerate(EDGES[2]):
-            ends = np.sort(nodes[:, [i, j]], axis=1)
-            mean = (u[ends[:, 0]] + u[ends[:, 1]]) / 2
-            on_edges[:, 3 - i - j] = mean + BUBBLE / 2 * u[nodes[:, 3 + k]]
-        order = nodes[:, :3].argsort(axis=1)
-        side, cell = np.divmod(self.sides[0], len(nodes))
-        return np.concatenate([vertices, on_edges[cell, order[cell, side]]])
-
-
-def stress_coefficients(bound_data: BoundData, bound: ErrorBound) -> np.ndarray:
-    """The stress on the parts of the cells, (parts, k, n, n)."""
-    at = bound_data.at_nodes.completed(bound.admissible)
-    stress = np.concatenate([at.mean[..., None], at.deviator], axis=-1)
-    return tensor_coefficients(bound_data, stress)
-
-
-def tensor_coefficients(bound_data: BoundData, stress: np.ndarray) -> np.ndarray:
-    """Coefficients (parts, k, n, n) of stresses at nodes of parts, mean and deviator."""
-    basis = bound_data.problem.kinematics.basis
-    S = np.einsum("tqd,dij->tqij", stress[..., 1:], basis)
-    S += stress[..., 0, None, None] * np.eye(basis.shape[1])
-    k = NODES[S.shape[1]]
-    values = S.reshape(-1, k, basis.shape[1] ** 2)
-    return coefficients(values).reshape(-1, k, *basis.shape[1:])
+    def stress(self, stress: np.ndarray) -> np.ndarray:
+        """Coefficients (cells, k, c) of stresses at nodes of parts, mean and deviator."""
+        kinematics = self.bound_data.problem.kinematics
+        basis = kinematics.basis
+        S = np.einsum("tqd,dij->tqij", stress[..., 1:], basis)
+        S += stress[..., 0, None, None] * np.eye(basis.shape[1])
+        values = basis_coordinates(S, kinematics.name)
+        k, c = NODES[values.shape[1]], values.shape[2]
+        found = coefficients(values.reshape(-1, k, c)).reshape(-1, k, c)
+        return self.cells.stress(found)
 
 
 def constant_force(problem: Problem) -> np.ndarray:
@@ -341,30 +335,21 @@ def constant_force(problem: Problem) -> np.ndarray:
     return np.asarray(problem.f(places)).reshape(-1, N)
 
 
-def material_arrays(bound_data: BoundData) -> dict[str, np.ndarray]:
-    """Material, history and body force of each cell."""
+def law_rows(bound_data: BoundData) -> np.ndarray:
+    """Material and history of each cell: moduli, and coordinates of deviators."""
     law = bound_data.discrete.law
-    points = bound_data.discrete.points
-    problem = bound_data.problem
-    basis = problem.kinematics.basis
-
-    def spread(values: np.ndarray) -> np.ndarray:
-        """One value for each cell from one for each point."""
-        return np.asarray(values)[:: bound_data.each]
+    material = bound_data.problem.material
+    basis = bound_data.problem.kinematics.basis
 
     def tensors(values: np.ndarray) -> np.ndarray:
-        """Deviatoric coordinates at points as tensors for each cell."""
-        return np.einsum("td,dij->tij", spread(values), basis)
+        """Deviatoric coordinates in the basis of the checker."""
+        S = np.einsum("td,dij->tij", values, basis)
+        return basis_coordinates(S, bound_data.problem.kinematics.name)[:, 1:]
 
-    return {
-        "lame_lambda": spread(points.at(problem.material.lame_lambda)),
-        "mu": spread(law.two_mu / 2),
-        "hardening": spread(law.hardening),
-        "beta": spread(law.beta),
-        "initial": tensors(law.initial),
-        "back": tensors(law.back),
-        "body_force": constant_force(problem),
-    }
+    lame = np.asarray(bound_data.discrete.points.at(material.lame_lambda))
+    moduli = np.column_stack([lame, law.two_mu / 2, law.hardening, law.beta])
+    rows = np.hstack([moduli, tensors(law.initial), tensors(law.back)])
+    return rows[:: bound_data.each]
 
 
 def vertex_tractions(boundary: Boundary) -> np.ndarray:
@@ -378,43 +363,3 @@ def vertex_tractions(boundary: Boundary) -> np.ndarray:
     values = boundary.at_vertices(boundary.values(g, on), on)
     traction[boundary.facet[on]] = values
     return traction
-
-
-def support_arrays(bound_data: BoundData) -> dict[str, np.ndarray]:
-    """The outer facets, ascending, with supports and obstacles."""
-    boundary = bound_data.boundary
-    c = bound_data.cells
-    contact = np.zeros(len(c.facets), dtype=bool)
-    contact[boundary.contact] = True
-    arrays = {"boundary": c.facets, "held": ~boundary.given, "contact": contact}
-    return {name: values[c.outer] for name, values in arrays.items()}
-
-
-def boundary_arrays(
-    bound_data: BoundData, bound: ErrorBound, u: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Supports, tractions, obstacle and pressure of the outer facets, ascending."""
-    boundary = bound_data.boundary
-    c = bound_data.cells
-    gap = np.zeros((len(c.facets), c.N))
-    gap[boundary.contact] = boundary.gap
-    pressure = np.zeros((len(c.facets), c.N))
-    pressure[boundary.contact] = bound.pressure
-    held = ~boundary.given & c.outer[:, None]
-    arrays = {
-        "prescribed": np.where(held[:, None], u[c.facets], 0.0),
-        "traction": vertex_tractions(boundary),
-        "gap": gap,
-        "pressure": pressure,
-    }
-    order = bound_data.problem.order
-    on_sides = {k: elevated(v, order)[c.outer] for k, v in arrays.items()}
-    return support_arrays(bound_data) | on_sides
-
-
-def elevated(values: np.ndarray, order: int) -> np.ndarray:
-    """Coefficients of affine functions from vertex values (facets, N, ...)."""
-    if order == 1:
-        return values
-    middle = (values[:, :1] + values[:, 1:]) / 2
-    return np.concatenate([values, middle], axis=1)

@@ -1,54 +1,102 @@
 """The file of a receipt: its arrays in the order in which ``check_receipt`` reads them.
 
 Numbers of cells, nodes and sides are the last axis, and all of them are floating-point numbers.
-The file also says what forces that rounding leaves each cell passes on by each of its sides.
+The file also says by which side each cell passes on the forces that rounding leaves, how large they
+are, and where the suprema of a goal have their tangents.
 """
 
 from __future__ import annotations
 
-from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
+from ngsolve import ET, IntegrationRule
 
+from ngepc.bounds.polynomials import quadratics
 from ngepc.goals import check_receipt
+from ngepc.goals.receipt_mesh import FileCells
 
-LAYERED = "u", "stress", "body_force", "prescribed", "traction", "gap", "pressure"
+LAYERED = "u", "stress", "body_force", "traction", "gap", "pressure"
 """Arrays with a layer for the energy, and one for the adjoint of a goal."""
 ROOM = 0.1
 """Part by which forces that rounding leaves are enlarged: it differs on other machines."""
 GROWTH = 1e-6
 """Part by which bounds of forces grow on each cell, so that they are larger than their sums."""
+DEGREE = 8
+"""Degree of the rule that says how much bounds of energies lose."""
+TANGENTS = 0.0, 0.5, 0.75, 0.9, 1.0
+"""Numbers r that are tried, as parts of that where the mean of the slope vanishes."""
 
 
 def in_file_order(
-    layers: list[dict[str, np.ndarray]], header: dict[str, object]
+    cells: FileCells, layers: list[dict[str, np.ndarray]], header: dict[str, object]
 ) -> np.ndarray:
-    """The words of a receipt; its sizes go into the header.
+    """The words of a receipt without hints; its sizes go into the header.
 
-    ``layers`` have the arrays of the energy, and for a goal those of its adjoint, with the cells
-    first, and tensors as matrices.
+    ``layers`` have the arrays of the energy, and for a goal those of its adjoint, with the cells,
+    nodes or sides first.
     """
     first = layers[0]
-    N = first["points"].shape[1]
-    places = numbered_sides(first["cells"])
-    last = {
-        name: without_tiny(cells_last(name, values, N))
-        for name, values in first.items()
-    }
+    last = {name: cells_last(name, values) for name, values in first.items()}
     for name in LAYERED:
-        parts = [without_tiny(cells_last(name, layer[name], N)) for layer in layers]
-        last[name] = np.stack(parts, axis=2 if name == "stress" else -2)
-    K = len(first["cells"])
-    last["passed"] = np.zeros((len(layers), N + 1, K))
-    header |= {"P": len(first["points"]), "K": K}
-    header |= {"S": places.shape[1], "B": len(first["held"])}
-    words = packed(last, header)
+        rows = [cells_last(name, layer[name]) for layer in layers]
+        last[name] = np.stack(rows, axis=-2)
+    L, K = len(layers), len(cells.cells)
+    W = 1 if first["held"].all(axis=1).any() else cells.N
+    last |= {"points": cells.points.T, "cells": cells.cells.T, "other": cells.other}
+    last |= {"way": np.zeros((W, K)), "passed": np.zeros((W, L, K))}
+    last["tangent"] = np.zeros((2 * L - 2, K))
+    header |= {"P": len(cells.points), "K": K, "B": len(cells.out), "W": W}
+    return packed({name: without_tiny(values) for name, values in last.items()}, header)
+
+
+def with_hints(words: np.ndarray, header: dict[str, object]) -> np.ndarray:
+    """The words of a receipt with the ways of forces, their sizes, and tangents of suprema."""
+    arrays = check_receipt.arrays_in(words, header)
     r = check_receipt.opened(words, header)
+    check_receipt.displaced(r)
     check_receipt.balance(r)
-    way, levels = ways(first["cells"], places, first["held"].all(axis=1))
-    for flow, force in zip(r.passed, r.force, strict=True):
-        flow[:] = passed(force, way, places, levels)
+    for component, support in enumerate(r.support):
+        way, levels = ways(r.other, support, r.K)
+        arrays["way"][component] = way
+        for flow, force in zip(arrays["passed"][component], r.force, strict=True):
+            flow[:] = passed(force, way, r.other, levels)
+    if "goal" in header:
+        for row, sign in enumerate((-1, 1)):
+            arrays["tangent"][row] = best_tangent(r, float(header["factor"]), sign)
     return words
+
+
+def lossy(words: np.ndarray, header: dict[str, object], allowed: float) -> np.ndarray:
+    """Cells whose bounds of plastic energies lose most; the others lose less than ``allowed``."""
+    r = check_receipt.opened(words, header)
+    check_receipt.displaced(r)
+    flow = (
+        check_receipt.flow(r.trial, r.beta) + mean_squared_excess(r.trial, r.beta) / 2
+    )
+    size = check_receipt.lengths(r.shifted)
+    excess = check_receipt.squared_excess(r.shifted, size, r.beta)
+    excess = (excess - mean_squared_excess(r.shifted, r.beta)) / (2 * r.hardening)
+    loss = r.volume * np.abs(flow / (2 * r.mu + r.hardening) + excess)
+    order = loss.argsort()
+    found = np.zeros(r.K, dtype=bool)
+    found[order] = np.cumsum(loss[order]) > allowed
+    return found
+
+
+def mean_squared_excess(field: np.ndarray, beta: np.ndarray) -> np.ndarray:
+    """Means of ([|s| - beta]_+)^2 by a rule."""
+    k = len(field)
+    if k == 1:
+        at, weights = np.ones((1, 1)), np.ones(1)
+    else:
+        rule = IntegrationRule(ET.TET if k == 4 else ET.TRIG, DEGREE)
+        weights = np.array(rule.weights) / sum(rule.weights)
+        inside = np.array(rule.points)[:, : 3 if k == 4 else 2]
+        shares = np.column_stack([inside, 1 - inside.sum(axis=1)])
+        at = quadratics(shares) if k == 6 else shares
+    size = check_receipt.lengths(np.einsum("qk,kcK->qcK", at, field))
+    return weights @ np.maximum(size - beta, 0.0) ** 2
 
 
 def without_tiny(values: np.ndarray) -> np.ndarray:
@@ -58,77 +106,77 @@ def without_tiny(values: np.ndarray) -> np.ndarray:
 
 def packed(arrays: dict[str, np.ndarray], header: dict[str, object]) -> np.ndarray:
     """The arrays of a receipt in one row of words of 64 bits."""
-    shapes = check_receipt.shapes_of(header)[1]
-    return np.concatenate([arrays[name].ravel() for name in shapes], dtype=float)
+    names = check_receipt.layout(header).names
+    return np.concatenate([arrays[name].ravel() for name in names], dtype=float)
 
 
-def cells_last(name: str, values: np.ndarray, N: int) -> np.ndarray:
-    """An array with the cells last; tensors as their entries, those of the diagonal first."""
-    if name in {"stress", "initial", "back"}:
-        n = values.shape[-1]
-        pairs = [(i, i) for i in range(n)] + list(combinations(range(N), 2))
-        values = np.stack([values[..., i, j] for i, j in pairs], axis=-1)
+def cells_last(name: str, values: np.ndarray) -> np.ndarray:
+    """An array with the cells last; of stresses (parts, k, c) the coefficients come first."""
     if name == "stress":
-        return values.transpose(2, 3, 1, 0)
+        return values.transpose(1, 2, 0)
     return np.moveaxis(values, 0, -1)
 
 
-def numbered_sides(cells: np.ndarray) -> np.ndarray:
-    """The two places (side of a cell, cell) of each side, equal on the boundary, (2, sides)."""
-    N = cells.shape[1] - 1
-    count = int(cells.max()) + 1
-    nodes = cells.T[np.array(check_receipt.SIDES[N])].reshape(N + 1, N, -1)
-    keys = np.einsum("ijk,j->ik", nodes, count ** np.arange(N)[::-1]).ravel()
-    order = keys.argsort(kind="stable")
-    _, first, times = np.unique(keys[order], return_index=True, return_counts=True)
-    return np.stack([order[first], order[first + times - 1]])
+def basis_coordinates(tensors: np.ndarray, kinematics: str) -> np.ndarray:
+    """Coordinates (..., c) of symmetric tensors (..., n, n) in the basis of the checker."""
+    return np.einsum("cij,...ij->...c", check_receipt.basis(kinematics), tensors)
 
 
 def ways(
-    cells: np.ndarray, places: np.ndarray, held: np.ndarray
+    other: np.ndarray, support: np.ndarray, K: int
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """The side by which each cell passes on forces to a support, and the cells by their distance.
+    """The side by which each cell passes on forces, and the cells by their distance.
 
-    Where no side is held in all components all forces go to the first cell, whose way is -1.
+    Forces end at the places ``support`` of the boundary.
     """
-    count = len(cells)
-    other = np.empty(cells.size, dtype=int)
-    other[places[0]] = places[1]
-    other[places[1]] = places[0]
-    other = other.reshape(-1, count)
-    outer = places[0] == places[1]
-    place = places[0, outer][held]
-    way = np.full(count, -1)
-    way[place % count] = place // count
-    reached = np.zeros(count, dtype=bool)
-    levels = [np.unique(place % count) if len(place) else np.zeros(1, dtype=int)]
+    place = np.flatnonzero(support)
+    way = np.zeros(K, dtype=int)
+    way[place % K] = place // K
+    reached = np.zeros(K, dtype=bool)
+    levels = [np.unique(place % K)]
     reached[levels[0]] = True
+    other = other.reshape(-1, K)
     while len(levels[-1]):
         beyond = other[:, levels[-1]].ravel()
-        beyond = beyond[~reached[beyond % count]]
-        level, first = np.unique(beyond % count, return_index=True)
-        way[level] = beyond[first] // count
+        beyond = beyond[~reached[beyond % K]]
+        level, first = np.unique(beyond % K, return_index=True)
+        way[level] = beyond[first] // K
         reached[level] = True
         levels.append(level)
     if not reached.all():
-        raise ValueError("mesh: a receipt needs a body in one piece")
+        raise ValueError(
+            "problem: a receipt needs a body in one piece, and supports that hold each component "
+            "of the displacement on a side that is not parallel to it, or all of them"
+        )
     return way, levels
 
 
 def passed(
-    force: np.ndarray, way: np.ndarray, places: np.ndarray, levels: list[np.ndarray]
+    force: np.ndarray, way: np.ndarray, other: np.ndarray, levels: list[np.ndarray]
 ) -> np.ndarray:
-    """What each cell passes on by its sides, (sides, cells): its own forces and those it gets."""
-    count = len(force)
-    beyond = np.empty(places.max() + 1, dtype=int)
-    beyond[places[0]] = places[1]
-    beyond[places[1]] = places[0]
-    found = np.zeros(len(beyond))
+    """What each cell passes on, (cells,): its own forces and those it gets."""
+    K = len(force)
+    place = way * K + np.arange(K)
+    after = other[place] % K
+    inside = other[place] != place
     total = np.maximum((1 + ROOM) * force, 2 * check_receipt.SMALLEST)
     for level in levels[::-1]:
-        going = level[way[level] >= 0]
-        place = way[going] * count + going
-        found[place] = (1 + GROWTH) * total[going]
-        inside = beyond[place] != place
-        np.add.at(total, beyond[place[inside]] % count, found[place[inside]])
-    return found.reshape(-1, count)
+        total[level] *= 1 + GROWTH
+        going = level[inside[level]]
+        np.add.at(total, after[going], total[going])
+    return total
+
+
+def best_tangent(r: SimpleNamespace, factor: float, sign: int) -> np.ndarray:
+    """The numbers r of ``TANGENTS`` with the least suprema."""
+    _, v, (k, H, beta), _ = check_receipt.integrand(r, factor, sign)
+    more = check_receipt.lengths(v).mean(axis=0) - k * beta * (1 + 2 * H)
+    guess = np.maximum(more, 0.0) / (2 * k * H * (1 + H))
+    best = np.full(r.K, np.inf)
+    found = np.zeros(r.K)
+    for part in TANGENTS:
+        tangent = part * guess
+        value = check_receipt.suprema(r, factor, sign, tangent)
+        found = np.where(value < best, tangent, found)
+        best = np.minimum(value, best)
+    return without_tiny(found)

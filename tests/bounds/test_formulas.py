@@ -71,7 +71,7 @@ def test_one_pressure_of_an_adjoint_that_is_too_large_is_refused(written):
         pressure[:, 1][place] = sign * 1.001 * header["factor"] * own[place]
         words = packed(arrays | {"pressure": pressure}, header)
         body = check_receipt.opened(words, header)
-        with pytest.raises(ValueError, match="pressure: that of the adjoint"):
+        with pytest.raises(ValueError, match="pressure: the adjoint has too much"):
             check_receipt.goal_interval(body, header["factor"])
 
 

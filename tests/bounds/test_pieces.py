@@ -1,8 +1,6 @@
 """Pieces of the bounds beside plain statements: balance, the adjoint's rows, the third stress."""
 
-import math
 from dataclasses import replace
-from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +16,6 @@ from ngepc.bounds.levels import TwoLevels
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
 from ngepc.goals.adjoint import AdjointProblem
-from ngepc.goals.check_receipt import rolled
 from ngepc.goals.integrand import completed_near
 
 METAL = Material.kinematic(
@@ -185,41 +182,3 @@ def test_rows_of_the_adjoint_that_touch_nothing_stay_within_their_gap():
         held = open_rows & (np.abs(moved) >= factor * gap - rounding)
         assert held.any()
         np.testing.assert_array_equal(np.sign(moved)[held], np.sign(pushed)[held])
-
-
-@pytest.mark.parametrize("N", [2, 3])
-def test_what_rollers_carry_is_not_underestimated(N):
-    """Forces of the rollers that balance a unit force within reach, the least in the mean."""
-    random = np.random.default_rng(N)
-    count = 6
-    points = random.uniform(-1, 1, (N * count, N))
-    boundary = np.arange(N * count).reshape(count, N)
-    held = np.zeros((count, N), dtype=bool)
-    held[np.arange(count), np.arange(count) % N] = True
-    held[:N] = True
-    measure = random.uniform(0.5, 2.0, count)
-    reach = 2.0
-    r = SimpleNamespace(
-        N=N, held=held.T, points=points.T, ends=boundary.T, outer=measure
-    )
-    bound = rolled(r, reach)
-
-    def wrench(place, force):
-        turns = [
-            place[i] * force[j] - place[j] * force[i]
-            for i, j in combinations(range(N), 2)
-        ]
-        return np.array([*force, *turns])
-
-    rows, components = np.nonzero(held)
-    middles = points[boundary].mean(axis=1)[rows] / reach
-    units = np.eye(N)[components]
-    columns = [wrench(place, unit) for place, unit in zip(middles, units, strict=True)]
-    areas = measure[rows]
-    for _ in range(20):
-        place = random.uniform(-1, 1, N) / math.sqrt(N)
-        force = random.normal(size=N)
-        force /= np.linalg.norm(force)
-        given = np.stack(columns, axis=1) * areas
-        densities = np.linalg.lstsq(given, wrench(place, force), rcond=None)[0]
-        assert (areas * np.abs(densities)).max() <= bound

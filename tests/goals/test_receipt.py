@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,7 @@ from ngepc.__main__ import main
 from ngepc.bounds.bound import bound_data_of, bound_of
 from ngepc.geometries import block
 from ngepc.goals import check_receipt
-from ngepc.goals.receipt_file import numbered_sides, packed, passed, ways
+from ngepc.goals.receipt_file import packed
 from ngepc.studies.examples import example
 
 MATERIAL = Material.kinematic(
@@ -108,7 +107,7 @@ def test_a_receipt_of_a_step_with_a_history(tmp_path):
     lower, upper = write_receipt(semismooth_newton(last), tmp_path / "receipt.npz")
     assert lower < upper
     arrays, header = opened(tmp_path / "receipt.npz")
-    assert np.abs(arrays["initial"]).max() > 0
+    assert np.abs(arrays["law"][4:]).max() > 0
     assert not falsifies(arrays, header)
 
 
@@ -148,7 +147,9 @@ def test_a_receipt_of_a_goal_shows_its_interval(name, goal, order, tmp_path):
     header = opened(path)[1]
     assert (header["goal lower"], header["goal upper"]) == (lower, upper)
     assert header["goal"] == found.name
-    assert upper - lower == pytest.approx(found.width, rel=0.2)
+    # a reaction of 22 cells; suprema are not bisected
+    limit = 0.35 if name == "moved" else 0.2
+    assert upper - lower == pytest.approx(found.width, rel=limit)
     assert lower < found.upper
     assert found.lower < upper
     assert header["lower"] < found.bound.energy
@@ -178,64 +179,63 @@ def test_a_goal_in_space_has_a_receipt(tmp_path):
 
 
 def test_a_tangent_of_the_norm_is_above_it():
-    """Paragraph 3 of the checker: F(q) <= F(r) + [|v| - V - 2 b r]_+^2/(4 b) for all q >= 0."""
+    """Paragraph 3 of the checker: the largest F(q) = |A + q v| - q (V + b q), for any r > 0."""
     random = np.random.default_rng(5)
     A, v = random.normal(size=(2, 3, 500)) * 10 ** random.uniform(-1, 1, (2, 1, 500))
     b, r = 10 ** random.uniform(-2, 0, (2, 500))
     V = 10 ** random.uniform(-2, 0, 500)
-    gained = length(A + r * v) - length(A)
-    sure = gained >= r * (V + 2 * b * r)
-    assert 50 < sure.sum() < 450
-    bound = length(A + r * v) - V * r - b * r**2
-    bound += np.maximum(length(v) - V - 2 * b * r, 0.0) ** 2 / (4 * b)
+    slope = V + 2 * b * r
+    short = np.maximum(slope - (length(A + r * v) - length(A)) / r, 0.0)
+    over = np.maximum(length(v) - slope, 0.0)
+    bound = length(A + r * v) - r * (V + b * r) + np.maximum(over, short) ** 2 / (4 * b)
     q = np.append(0.0, np.geomspace(1e-3, 1e3, 400))[:, None, None]
     best = (length(A + q * v, 1) - V * q[:, 0] - b * q[:, 0] ** 2).max(axis=0)
-    assert (best <= bound * (1 + 1e-12) + 1e-12)[sure].all()
-    assert not (best <= bound)[~sure].all()
+    assert (best <= bound * (1 + 1e-12) + 1e-12).all()
+    assert 100 < (short > 0).sum() < 400
+    without = bound - np.maximum(over, short) ** 2 / (4 * b) + over**2 / (4 * b)
+    assert not (best <= without).all()
 
 
 def test_a_norm_is_at_most_a_square_over_any_length():
-    """Paragraph 3 of the checker: |x| <= y + (|z|^2 + ([Y - y]_+)^2)/(2 Y), also for y < 0."""
+    """|x| <= y + |z|^2/(2 Y) for 0 < Y <= y, and |x| >= y + |z|^2/(2 X) for X >= |x|."""
     random = np.random.default_rng(6)
     y, z = random.normal(size=(2, 2000))
     Y = 10 ** random.uniform(-2, 1, 2000)
-    bound = y + (z**2 + np.maximum(Y - y, 0.0) ** 2) / (2 * Y)
-    assert (bound >= np.hypot(y, z) * (1 - 1e-12)).all()
-    near = bound / np.hypot(y, z) - 1
-    assert near[(np.abs(z) < 0.1 * y) & (y > Y) & (0.9 * y < Y)].max() < 1e-3
+    size = np.hypot(y, z)
+    upper = y + z**2 / (2 * Y)
+    assert (upper >= size * (1 - 1e-12))[y >= Y].all()
+    assert not (upper >= size)[y < Y].all()
+    lower = y + z**2 / (2 * size * random.uniform(1, 2, 2000))
+    assert (lower <= size * (1 + 1e-12)).all()
 
 
 @pytest.mark.parametrize("k", [3, 6])
-def test_the_tangent_of_a_supremum_is_sure_on_the_whole_part(k):
-    """|A + r v| - |A| >= r (V + 2 b r) at many points, with the r of the checker."""
-    random = np.random.default_rng(10 + k)
-    law = random_law(random, 300)
-    n = random.normal(size=(3, 300))
-    n /= length(n)
-    g = 10 ** random.uniform(-1, 1, 300)
-    moduli = law[0] * (law[2] + np.array([law[1], 1 + law[1]]) * g)
-    noise = np.repeat([0.03, 0.1, 0.3], 100) * law[0] * law[2]
-    p, w = random.normal(size=(2, k, 3, 300)) * noise
-    p += moduli[0] * n
-    w += moduli[1] * n
-    x = fields(p, w, law)
-    V, kk, h, beta = full(law)
-    twice = check_receipt.supremum(2, x, V, kk, h, beta)[1]
-    b = kk * h * (1 + h)
-    r = twice / (2 * b)
-    assert 90 < (r > 0).sum() < 300
-    y, v = np.split(x, 2, axis=1)
-    A = beta * check_receipt.outside_ball(y, length(y, 1), 2 * kk * beta)
-    shares = random.dirichlet(np.ones(3), 200)
-    at = bernstein(shares, k)
-    A, v = (np.einsum("qi,icM->qcM", at, field) for field in (A, v))
-    gained = length(A + r * v, 1) - length(A, 1)
-    assert (gained >= r * (V + twice) - 1e-12 * length(A, 1)).all()
+def test_means_of_norms_are_enclosed(k):
+    """At many points of each simplex, whether the field turns much or not."""
+    random = np.random.default_rng(k)
+    scale = np.repeat([0.1, 1.0, 10.0], 30)
+    x = np.array([[1.0], [0.0], [0.0]]) + scale * random.normal(size=(k, 3, 90))
+    upper, lower, _ = check_receipt.norms(x, length(x, 1))
+    mean = length(at_many(x), 1).mean(axis=0)
+    assert (lower <= mean).all()
+    assert (mean <= upper).all()
+    assert (upper / lower - 1)[:30].max() < 0.02
 
 
 def length(x, axis=0):
     """Sizes of vectors."""
     return np.sqrt((x**2).sum(axis=axis))
+
+
+def at_many(x, n=40):
+    """Values (points, c, K) of fields (k, c, K) at the centres of the n^2 parts of triangles."""
+    i, j = np.mgrid[:n, :n].reshape(2, -1)
+    up = i + j < n
+    shares = np.stack([i, j], axis=1)[up] + 1 / 3
+    down = np.stack([i, j], axis=1)[i + j < n - 1] + 2 / 3
+    shares = np.concatenate([shares, down]) / n
+    shares = np.column_stack([1 - shares.sum(axis=1), shares])
+    return np.einsum("qi,icK->qcK", bernstein(shares, len(x)), x)
 
 
 def best_of(p, w, law):
@@ -263,15 +263,15 @@ def fields(p, w, law):
     return np.concatenate([y, p + law[1] * y], axis=-2)
 
 
-def full(law):
-    """The law with the number V of the checker's paragraph 6."""
+def supremum(x, law, parts=(0.0, 0.25, 0.5, 0.75, 0.9, 1.0)):
+    """The checker's bound of suprema on triangles, with the best of some tangents."""
     k, h, beta = law
-    return np.array([k * beta * (1 + 2 * h), k, h, beta])
-
-
-def supremum(x, law):
-    """The checker's bound of suprema on triangles."""
-    return check_receipt.supremum(2, x, *full(law))[0]
+    y, v = np.split(x, 2, axis=1)
+    more = length(v, 1).mean(axis=0) - k * beta * (1 + 2 * h)
+    r = np.maximum(more, 0.0) / (2 * k * h * (1 + h))
+    return np.min(
+        [check_receipt.supremum(y, v, part * r, law) for part in parts], axis=0
+    )
 
 
 def test_the_supremum_of_the_checker_is_one():
@@ -302,9 +302,8 @@ def test_the_supremum_of_an_elastic_point_is_a_square():
     k, _, beta = law
     p, w = 0.5 * k * beta * random.uniform(-1, 1, (2, 3, 100)) / np.sqrt(3)
     x = fields(p, w, law)[None].repeat(3, axis=0)
-    bound, _, largest = check_receipt.supremum(2, x, *full(law))
+    bound = supremum(x, law)
     np.testing.assert_allclose(bound, length(p + w) ** 2 / (4 * k), rtol=1e-12)
-    assert (largest < 0).all()
 
 
 def test_a_vector_against_the_strain_gains_nothing():
@@ -319,8 +318,9 @@ def test_a_vector_against_the_strain_gains_nothing():
 
 
 @pytest.mark.parametrize("k", [3, 6])
-def test_means_of_suprema_are_bounded(k):
-    """Of fields that vary; by the suprema on many small parts."""
+@pytest.mark.parametrize("tangent", ["best", "random"])
+def test_means_of_suprema_are_bounded(k, tangent):
+    """Of fields that vary, at many points; with any tangent, as it is only a hint."""
     random = np.random.default_rng(k)
     law = random_law(random, 30)
     n = random.normal(size=(3, 30))
@@ -331,48 +331,34 @@ def test_means_of_suprema_are_bounded(k):
     size = np.repeat([0.01, 0.1, 1.0], 10) * law[0] * law[2]
     x = mean + size * random.normal(size=(k, 6, 30))
     x = fields(x[:, :3], x[:, 3:], law)
-    bounds = [
-        check_receipt.means(2, check_receipt.supremum, x, full(law), c)
-        for c in range(3)
-    ]
-    for _ in range(3):
-        x = check_receipt.subdivided(2, x)
-        law = np.tile(law, 4)
-    best = np.zeros(30)
-    for i, j in combinations(range(3), 2):
-        middle = (x[i] + x[j]) / 2
-        if k == 6:
-            middle = middle / 2 + x[6 - i - j] / 2
-        y, v = np.split(middle, 2)
-        p = v - law[1] * y
-        best += best_of(p, y - p, law).reshape(-1, 30).mean(axis=0) / 3
-    assert (np.minimum.reduce(bounds) >= best * (1 - 1e-5)).all()
-    for bound, excess in zip(bounds, (1e-3, 1e-3, 1e-3), strict=True):
-        assert np.median((bound / best - 1)[:10]) < excess
-    assert np.median(bounds[2] / best) <= np.median(bounds[0] / best)
+    y, v = np.split(at_many(x, 12), 2, axis=1)
+    p = v - law[1] * y
+    best = np.mean([best_of(*pw, law) for pw in zip(p, y - p, strict=True)], axis=0)
+    if tangent == "best":
+        bound = supremum(x, law)
+        assert np.median((bound / best - 1)[:10]) < 1e-3
+    else:
+        r = g * 10 ** random.uniform(-2, 2, 30)
+        bound = check_receipt.supremum(*np.split(x, 2, axis=1), r, law)
+    assert (bound >= best * (1 - 1e-3)).all()
 
 
 @pytest.mark.parametrize("density", ["flow", "squared_excess"])
 def test_plastic_terms_are_bounded(density):
-    """By the law of the step at many points; nearly so where all of a cell yields, or with cuts."""
+    """By the law of the step at many points; nearly so where all of a cell yields."""
     random = np.random.default_rng(3)
     beta = 10 ** random.uniform(-1, 1, 90)
     size = np.repeat([0.1, 1.0, 3.0], 30) * beta
-    s = 2 * beta * np.array([[1.0], [0.0], [0.0]]) + size * random.normal(
-        size=(3, 3, 90)
-    )
-    of = getattr(check_receipt, density)
-    bound, cut = (check_receipt.means(2, of, s, beta[None], k) for k in (0, 2))
-    exact = s
-    for _ in range(5):
-        exact = check_receipt.subdivided(2, exact)
-    over = np.maximum(length(exact, 1).reshape(3, -1, 90) - beta, 0.0) ** 2
-    mean = (-over / 2 if density == "flow" else over).mean(axis=(0, 1))
-    least = np.minimum(bound, cut)
-    assert (least >= mean - 2e-3 * np.abs(mean)).all()
-    excess, less = (np.abs(found / mean - 1) for found in (bound, cut))
-    assert np.median(excess[:30]) < 1e-2
-    assert np.median(less[30:60]) < 0.3 * np.median(excess[30:60])
+    s = 2 * beta * np.array([[1.0], [0.0], [0.0]])
+    s = s + size * random.normal(size=(3, 3, 90))
+    over = np.maximum(length(at_many(s), 1) - beta, 0.0) ** 2
+    if density == "flow":
+        bound, mean = check_receipt.flow(s, beta), -over.mean(axis=0) / 2
+    else:
+        bound = check_receipt.squared_excess(s, length(s, 1), beta)
+        mean = over.mean(axis=0)
+    assert (bound >= mean - 2e-3 * np.abs(mean)).all()
+    assert np.median(np.abs(bound / mean - 1)[:30]) < 1e-2
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -395,7 +381,7 @@ def test_each_part_of_the_proof_of_a_goal_is_needed(tmp_path):
     arrays, header = opened(path)
     for name in ("u", "stress", "pressure", "body_force", "gap"):
         values = arrays[name].copy()
-        adjoint = np.moveaxis(values, -3 if name == "stress" else -2, 0)[1]
+        adjoint = np.moveaxis(values, -2, 0)[1]
         place = np.unravel_index(np.abs(adjoint).argmax(), adjoint.shape)
         adjoint[place] += 0.1 * (np.abs(adjoint).max() or 1.0)
         assert not passes(arrays | {name: values}, header)
@@ -450,55 +436,55 @@ def small_receipt(path):
     return opened(path)
 
 
-def to_first(arrays, force):
-    """What cells pass on of forces if all of them go to the first cell."""
-    cells = arrays["cells"].T
-    places = numbered_sides(cells)
-    nowhere = np.zeros(arrays["contact"].size, dtype=bool)
-    way, levels = ways(cells, places, nowhere)
-    return passed(force, way, places, levels)
+def sides_of(arrays):
+    """Places (side of a cell, cell) on the boundary, and inside."""
+    other = arrays["other"].ravel()
+    out = other == np.arange(other.size)
+    return np.flatnonzero(out), np.flatnonzero(~out)
 
 
 def beside(arrays, header):
     """A second body beside that of a receipt: no support, and a small body force."""
-    K = arrays["mu"].size
+    K, P = header["K"], header["P"]
     two = {}
     for name, values in arrays.items():
-        same = name in {"lame_lambda", "mu", "hardening", "beta"}
+        same = name in {"law", "passed", "way"}
         two[name] = np.concatenate([values, values * same], axis=-1)
-    points = arrays["points"]
-    two["points"] = np.concatenate([points, points + 3], axis=1)
-    shifted = arrays["cells"] + points.shape[1]
-    two["cells"] = np.concatenate([arrays["cells"], shifted], axis=1)
+    two["points"][:, P:] = arrays["points"] + 3
+    two["cells"][:, K:] = arrays["cells"] + P
+    side, cell = np.divmod(arrays["other"], K)
+    two["other"] = np.concatenate(
+        [side * 2 * K + cell, side * 2 * K + cell + K], axis=1
+    )
     two["body_force"][1, 0, K:] = 1e-17
-    two["passed"][0, :, K:] = to_first(arrays, np.full(K, 1e-12))
-    return two, header | {name: 2 * header[name] for name in "PKSB"}
+    B = header["B"]
+    on_side = np.argsort(
+        np.r_[sides_of(arrays)[0] // K, sides_of(arrays)[0] // K], kind="stable"
+    )
+    for name in ("held", "contact", "traction", "gap", "pressure"):
+        two[name] = two[name][..., on_side]
+    return two, header | {"P": 2 * P, "K": 2 * K, "B": 2 * B}
 
 
-def tangled(arrays):
-    """Two cells that pass on forces to each other, and other wrong flows."""
-    forces = arrays["passed"]
-    first, second = numbered_sides(arrays["cells"].T)
-    inner = np.flatnonzero(first != second)[0]
-    K = arrays["mu"].size
-    round_trip = forces.copy().reshape(len(forces), -1, K)
-    for place in (first[inner], second[inner]):
-        side, cell = divmod(place, K)
-        round_trip[0, :, cell] = 0.0
-        round_trip[0, side, cell] = 1.0
-    yield round_trip
-    yield -forces
-    yield 0.5 * forces
-    yield 0 * forces
-    yield 0 * forces + np.inf
-    yield 0 * forces + np.nan
-    yield np.roll(forces, 1, axis=1)
-    yield np.roll(forces, 1, axis=2)
-    outwards = forces.copy()
-    free = ~arrays["held"].all(axis=0)
-    side, cell = divmod(first[first == second][free][0], K)
-    outwards[0, side, cell] = 1.0
-    yield outwards
+def tangled(arrays, header):
+    """Cells that pass on forces to each other, and other wrong hints."""
+    way, flow = arrays["way"], arrays["passed"]
+    K = header["K"]
+    inner = sides_of(arrays)[1][0]
+    loop = way.copy()
+    for place in (inner, arrays["other"].ravel()[inner]):
+        loop[:, place % K] = place // K
+    yield {"way": loop}
+    yield {"way": loop, "passed": 0 * flow + 1.0}
+    for wrong in (-flow, 0.5 * flow, 0 * flow, 0 * flow + np.inf, 0 * flow + np.nan):
+        yield {"passed": wrong}
+    yield {"passed": np.roll(flow, 1, axis=2)}
+    for wrong in (-1, len(arrays["other"]), 10**6):
+        yield {"way": 0 * way + wrong}
+    free = sides_of(arrays)[0][~arrays["held"].astype(bool).any(axis=0)][0]
+    outwards = way.copy()
+    outwards[:, free % K] = free // K
+    yield {"way": outwards, "passed": 0 * flow + 1e-3}
 
 
 def test_supports_of_one_body_do_not_hold_another(tmp_path):
@@ -507,19 +493,21 @@ def test_supports_of_one_body_do_not_hold_another(tmp_path):
     problem = Problem(block.mesh(0.5, (1.0, 0.7)), MATERIAL, order=1, **PRESSED)
     write_receipt(semismooth_newton(problem), path)
     arrays, header = beside(*opened(path))
-    with pytest.raises(ValueError, match=r"^passed: too little"):
-        check_receipt.proved_intervals(packed(arrays, header), header)
+    words = packed(arrays, header)
+    with pytest.raises(ValueError, match=r"^way: it ends where nothing|^passed: "):
+        check_receipt.proved_intervals(words, header)
 
 
 def test_numbers_whose_products_vanish_do_not_pass(tmp_path):
     """Rounding errors are known without underflow, and for sums that do not cancel."""
     arrays, header = small_receipt(tmp_path / "receipt.npz")
-    lame = np.nextafter(-2 * arrays["mu"] / 3, np.inf)
+    law = arrays["law"].copy()
+    law[0] = np.nextafter(-2 * law[1] / 3, np.inf)
     for changed, message in (
         ({"stress": 1e-160 * arrays["stress"]}, "numbers: too large or small"),
         ({"u": 1e160 * arrays["u"]}, "numbers: too large or small"),
-        ({"mu": np.nan * arrays["mu"]}, "numbers: too large or small"),
-        ({"lame_lambda": lame}, "bulk: too small"),
+        ({"law": np.nan * arrays["law"]}, "numbers: too large or small"),
+        ({"law": law}, "law: a modulus is not positive, or the bulk"),
     ):
         words = packed(arrays | changed, header)
         with pytest.raises(ValueError, match=f"^{message}"):
@@ -553,10 +541,7 @@ def test_other_types_and_shapes_do_not_pass(order, tmp_path):
     for order in (0, 3 - header["order"], 3):
         with pytest.raises(ValueError, match=r"^receipt: its arrays|^order: "):
             check_receipt.opened(words, header | {"order": order})
-    if header["order"] == 1:  # no array of order one has the size S
-        with pytest.raises(ValueError, match=r"^sides: not as many"):
-            check_receipt.opened(words, header | {"S": header["S"] + 1})
-    for sizes in ({"K": header["K"] + 1}, {"S": 0}, {"B": -1}, {"P": 1.5}, {"P": True}):
+    for sizes in ({"K": header["K"] + 1}, {"P": 0}, {"B": -1}, {"P": 1.5}, {"P": True}):
         with pytest.raises(ValueError, match=r"^receipt: its arrays|^sizes: "):
             check_receipt.opened(words, header | sizes)
 
@@ -567,8 +552,8 @@ def test_forces_that_go_round_do_not_pass(tmp_path):
     write_receipt(semismooth_newton(CASES["pulled"](1)), path)
     arrays, header = opened(path)
     assert passes(arrays, header)
-    for forces in tangled(arrays):
-        assert not passes(arrays | {"passed": forces}, header)
+    for hints in tangled(arrays, header):
+        assert not passes(arrays | hints, header)
 
 
 def test_cells_in_a_ring_do_not_pass(tmp_path):
@@ -576,27 +561,47 @@ def test_cells_in_a_ring_do_not_pass(tmp_path):
     path = tmp_path / "receipt.npz"
     write_receipt(semismooth_newton(CASES["pulled"](1)), path)
     arrays, header = opened(path)
-    cells = arrays["cells"]
-    first, second = numbered_sides(cells.T)
-    K = len(cells[0])
-    outer = first[first == second]
-    on_boundary = [np.delete(cells[:, p % K], p // K) for p in outer]
+    cells, other = arrays["cells"], arrays["other"]
+    K = header["K"]
+    on_boundary = [np.delete(cells[:, p % K], p // K) for p in sides_of(arrays)[0]]
     inside = np.setdiff1d(cells, on_boundary)[0]
     ring = np.flatnonzero((cells == inside).any(axis=0))
     middle = arrays["points"][:, cells[:, ring]].mean(axis=1)
     middle -= arrays["points"][:, [inside]]
     ring = ring[np.arctan2(middle[1], middle[0]).argsort()]
+    way = arrays["way"].copy()
+    for cell, after in zip(ring, np.roll(ring, 1), strict=True):
+        way[:, cell] = np.flatnonzero(other[:, cell] % K == after)[0]
     names = "stress", "body_force", "traction", "pressure"
     nothing = {name: 0 * arrays[name] for name in names}
-    for size, other in ((1e-20, {}), (1.0, {}), (1e20, {}), (0.0, nothing)):
-        forces = arrays["passed"].copy()
-        forces[:, :, ring] = 0.0
-        for cell, after in zip(ring, np.roll(ring, 1), strict=True):
-            way = np.flatnonzero(~np.isin(cells[:, cell], cells[:, after]))[0]
-            forces[:, way, cell] = size
-        words = packed(arrays | {"passed": forces} | other, header)
+    for size, data in ((1e-20, {}), (1.0, {}), (1e20, {}), (0.0, nothing)):
+        flow = arrays["passed"].copy()
+        flow[:, :, ring] = size
+        words = packed(arrays | {"way": way, "passed": flow} | data, header)
         with pytest.raises(ValueError, match=r"^passed: too little"):
             check_receipt.proved_intervals(words, header)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_any_tangent_proves_something_true(order, tmp_path):
+    """Random hints make the interval wider, and never lose what the judge finds."""
+    path = tmp_path / "receipt.npz"
+    problem = CASES["pressed"](order)
+    write_receipt(goal_bound(semismooth_newton(problem), "contact_force"), path)
+    arrays, header = opened(path)
+    judge = Judge(arrays, header)
+    assert not judge.falsified
+    lower, upper = judge.goal()
+    random = np.random.default_rng(order)
+    shape = arrays["tangent"].shape
+    width = header["goal upper"] - header["goal lower"]
+    for size in (0.0, 1e-25, 1e-6, 1e-3, 1.0, 1e25):
+        hint = size * random.uniform(-0.5, 1.0, shape)
+        words = packed(arrays | {"tangent": hint}, header)
+        proved = check_receipt.proved_intervals(words, header)
+        assert proved["goal lower"] <= lower
+        assert proved["goal upper"] >= upper
+        assert proved["goal upper"] - proved["goal lower"] > 0.999 * width
 
 
 def test_the_checker_needs_numpy_alone(tmp_path):
@@ -618,34 +623,18 @@ def test_the_checker_needs_numpy_alone(tmp_path):
     assert done.stdout.startswith("least energy in (")
 
 
-@pytest.mark.parametrize(("N", "shapes"), [(2, 1), (3, 3)])
-def test_parts_of_parts_do_not_degenerate(N, shapes):
-    """Bey (1995): cutting a tetrahedron again and again makes three shapes, of equal volume."""
-    simplices = np.random.default_rng(N).normal(size=(N + 1, N, 1))
-    whole = abs(np.linalg.det(simplices[1:, :, 0] - simplices[0, :, 0]))
-    for level in range(1, 5):
-        simplices = check_receipt.subdivided(N, simplices)
-        corners = simplices.transpose(2, 0, 1)
-        volume = abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
-        np.testing.assert_allclose(volume, whole / 2 ** (N * level), rtol=1e-9)
-        i, j = np.triu_indices(N + 1, 1)
-        edges = np.linalg.norm(corners[:, i] - corners[:, j], axis=2)
-        scaled = np.round(np.sort(edges, axis=1) * 2**level, 9)
-        assert len(np.unique(scaled, axis=0)) <= shapes
-
-
 def test_the_checker_is_short():
     """Lines of code, without comments, docstrings and blank lines."""
     parts = Path(check_receipt.__file__).read_text().split('"""')
     lines = [line for part in parts[::2] for line in part.splitlines()]
     code = [line for line in lines if line.strip() and line.strip()[0] != "#"]
-    assert len(code) <= 406
+    assert len(code) <= 308
 
 
 def test_a_receipt_of_an_older_format_says_so(tmp_path):
     path = tmp_path / "receipt.npz"
-    np.savez(path, header=json.dumps({"format": "ngepc receipt 5"}))
-    with pytest.raises(ValueError, match="'ngepc receipt 6' is needed, write"):
+    np.savez(path, header=json.dumps({"format": "ngepc receipt 6"}))
+    with pytest.raises(ValueError, match="not 'ngepc receipt 7', write it again"):
         check_receipt.check(path)
 
 
