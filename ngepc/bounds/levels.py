@@ -149,6 +149,8 @@ class TwoLevels(Blocks):
             values = np.where(self._turned, corners[j, i], corners[i, j])
             sums[:, i, j] = np.bincount(where, values.ravel(), len(sums))
         self._values[self._entries] = self.held(sums)
+        diagonal = sums[self.rows == self.columns]
+        self._inverse_blocks = DAMPED * inverses(diagonal)
         self._whole: TwoLevels | None = None
 
     @property
@@ -182,9 +184,7 @@ class TwoLevels(Blocks):
         inside = BitArray(inside.tolist())
         result._inverse = self.matrix.Inverse(inside, inverse="sparsecholesky")
         result._others = np.flatnonzero(~chosen & self._there)
-        blocks = self._values[self._entries]
-        diagonal = blocks[self.rows == self.columns][result._others]
-        result._inverse_blocks = DAMPED * inverses(diagonal)
+        result._inverse_blocks = self._inverse_blocks[result._others]
         result._take_modes()
         return result
 

@@ -82,15 +82,25 @@ class CarriedLoads:
     """
 
     def __init__(self, boundary: Boundary) -> None:
-        self.cells = c = boundary.cells
-        N = c.N
-        count = len(c.nodes)
-        self.nodal = np.zeros((count, N + 1, N))
-        self.left = np.zeros(count)
-        self.inner = np.zeros((count, N * (N + 1) // 2))
+        self._clear(boundary.cells)
         if boundary.problem.f is not None:
             self._carry(boundary.problem.f)
         self._leave_tractions(boundary)
+
+    @classmethod
+    def none(cls, cells: Simplices) -> CarriedLoads:
+        """No loads at all."""
+        made = cls.__new__(cls)
+        made._clear(cells)
+        return made
+
+    def _clear(self, cells: Simplices) -> None:
+        self.cells = cells
+        N = cells.N
+        count = len(cells.nodes)
+        self.nodal = np.zeros((count, N + 1, N))
+        self.left = np.zeros(count)
+        self.inner = np.zeros((count, N * (N + 1) // 2))
 
     def _carry(self, force: CoefficientFunction) -> None:
         """The loads of a body force, by a rule on the parts that is exact for squares of cubics.

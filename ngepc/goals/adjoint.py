@@ -74,11 +74,13 @@ class Adjoint:
 class Start:
     """The adjoint of a goal without conditions on open rows.
 
-    ``forces`` are those of the goal less what the motion ``lift`` of supports does, ``wanted`` the
-    values of the rows, ``base`` the solution with those that press.
+    ``load`` are the nodal forces of the goal's load, ``forces`` these less what the motion ``lift``
+    of supports does, ``wanted`` the values of the rows, ``base`` the solution with those that
+    press.
     """
 
     goal: GoalTerms
+    load: np.ndarray
     forces: np.ndarray
     lift: np.ndarray
     wanted: np.ndarray
@@ -141,7 +143,7 @@ class AdjointProblem(AdjointConditions):
     def start(self, goal: GoalTerms) -> Start:
         """The adjoint of a goal without conditions on open rows, for all lambda."""
         discrete = self.bound_data.discrete
-        forces = goal.forces(self.bound_data.discrete)
+        forces = load = goal.forces(self.bound_data.discrete)
         lift = np.zeros_like(forces) if goal.motion is None else goal.motion
         if goal.motion is not None:
             strain = discrete.points.strain(lift)
@@ -150,7 +152,8 @@ class AdjointProblem(AdjointConditions):
         wanted = np.zeros(self.rows.matrix.shape[0])
         wanted[: self._normals] = self.of_rows(goal)
         wanted -= self.rows.matrix @ lift.ravel()
-        start = Start(goal, forces, lift, wanted, self.pressed_rows(forces, wanted))
+        base = self.pressed_rows(forces, wanted)
+        start = Start(goal, load, forces, lift, wanted, base)
         self._check_held(start)
         return start
 

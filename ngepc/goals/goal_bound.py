@@ -366,7 +366,7 @@ class GoalProblem:
             )
         start = self._adjoints.start(terms)
         best = self._best(start, self._first(start) if near is None else near)
-        found = self._interval(terms, best.finite(), discrete)
+        found = self._interval(start, best.finite(), discrete)
         if self._cut is not None and not hasattr(goal, "point"):
             found = replace(found, discrete=goal_of_result(goal, self._cut))
         if self._copied is not None:
@@ -472,15 +472,14 @@ class GoalProblem:
         integrand = self._of_bound.integrand(adjoint)
         return Candidate(adjoint, integrand, factor, integrand.estimate(factor))
 
-    def _interval(
-        self, terms: GoalTerms, chosen: Candidate, discrete: float
-    ) -> GoalBound:
+    def _interval(self, start: Start, chosen: Candidate, discrete: float) -> GoalBound:
         """The interval that an adjoint and its lambda give."""
+        terms = start.goal
         contact = self.bound_data.contact
         state = self.bound.state
         adjoint = chosen.adjoint
         opened = chosen.factor * contact.opening(state.u, self.bound.pressure)
-        centre = float(np.vdot(terms.forces(self.bound_data.discrete), state.u))
+        centre = float(np.vdot(start.load, state.u))
         centre += float(np.vdot(self.bound_data.discrete.load, adjoint.z))
         centre += chosen.integrand.residual
         centre -= float(
