@@ -165,23 +165,27 @@ class SecondOrderModel:
         result = np.zeros(len(z))
         for cells in portions(len(z)):
             at = functional.conjugate.of(cells).completed(z[cells])
-            there = self._yields[cells] | (at.over > 0).any(axis=1)
-            if 2 * np.count_nonzero(there) >= len(there):
-                result[cells] = self._missed(functional, z, cells)
-            elif there.any():
-                some = cells.start + np.flatnonzero(there)
-                result[some] = self._missed(functional, z, some)
+            there = np.flatnonzero(self._yields[cells] | (at.over > 0).any(axis=1))
+            if 2 * len(there) >= len(at.mean):
+                result[cells] = self._missed(functional, z, cells, at)
+            elif len(there):
+                some = Completed(*(of_cells(values, there) for values in at))
+                there += cells.start
+                result[there] = self._missed(functional, z, there, some)
         return result
 
     def _missed(
-        self, functional: StressFunctional, z: np.ndarray, cells: np.ndarray | slice
+        self,
+        functional: StressFunctional,
+        z: np.ndarray,
+        cells: np.ndarray | slice,
+        at: Completed,
     ) -> np.ndarray:
-        """The same on some of the triangles."""
-        whole = functional.of(cells)
+        """The same on some of the triangles, where the stress is ``at``."""
         part = self.of(cells)
         trial = of_cells(z, cells)
         quadratic = part.values(trial, part.gradient(trial))
-        return whole.values(trial, whole.conjugate.completed(trial)) - quadratic
+        return functional.of(cells).values(trial, at) - quadratic
 
     def forces(self, x: np.ndarray) -> np.ndarray:
         """The stiffness times all unknowns x, held ones too."""
