@@ -172,7 +172,10 @@ def opened(words: ndarray, header: dict) -> Body:
     r.N, n, _ = LAWS[header["kinematics"]]
     r.v, r.L, r.K, r.degree = r.N + 1, r.u.shape[1], header["K"], header["order"]
     r.between = BETWEEN if r.degree == 2 else np.arange(r.v)[:, None]
-    r.cells, r.other, r.way = (a.astype(int) for a in (r.cells, r.other, r.way))
+    places = r.cells, r.other, r.way
+    whole = all((a == np.trunc(a)).all() for a in places)
+    need(whole, "cells, other, way: no whole numbers")
+    r.cells, r.other, r.way = (a.astype(int) for a in places)
     r.held, r.contact = r.held != 0, r.contact != 0
     lame, r.mu, r.hardening, r.beta = r.law[:4]
     r.initial, r.back = np.split(r.law[4:], 2)
@@ -226,8 +229,8 @@ def join(r: Body) -> None:
     r.out = np.flatnonzero(r.other == places)
     r.ends = ends[:, r.out]
     vertices = np.unique(np.sort(r.ends[: r.N], axis=0), axis=1)
-    counts = vertices.shape[1], len(r.out)
-    need(counts == (B, B), "held: not the sides of the boundary")
+    complete = vertices.shape[1] == len(r.out) == B
+    need(complete, "held: not the sides of the boundary")
     r.outer = np.sqrt((area[:, r.out] ** 2).sum(axis=0))
     r.normal = area[:, r.out] / r.outer
     across = r.held & (np.abs(r.normal) > 0.8) & (len(r.way) == r.N)
@@ -407,11 +410,10 @@ def check(path: str) -> str:
     for name, value in proved.items():
         right = header[name] <= value if "lower" in name else value <= header[name]
         need(right, f"{name}: {header[name]} claimed, {value} proved")
-    text = f"least energy in ({header['lower']}, {header['upper']})"
+    text = "least energy in ({lower}, {upper})".format_map(header)
     if "goal" in header:
-        name = header["goal"]
-        need(type(name) is str and name.isprintable(), "goal: no name")
-        text += f", {name} in ({header['goal lower']}, {header['goal upper']})"
+        need(str(header["goal"]).isprintable(), "goal: no name")
+        text += ", {goal} in ({goal lower}, {goal upper})".format_map(header)
     return text
 
 

@@ -162,6 +162,14 @@ def test_points_that_do_not_exist(change, receipt):
         check_receipt.proved_intervals(words, header)
 
 
+@pytest.mark.parametrize("name", ["cells", "other", "way"])
+def test_places_between_numbers(name, receipt):
+    arrays, header = receipt
+    values = arrays[name].astype(float)
+    values.ravel()[0] += 0.5
+    refused(arrays | {name: values}, header, "^cells, other, way: ")
+
+
 @pytest.mark.parametrize("row", [1, 2, 3])
 @pytest.mark.parametrize("value", [0.0, -1.0])
 def test_moduli_that_are_not_positive(row, value, receipt):
