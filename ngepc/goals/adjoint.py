@@ -175,14 +175,16 @@ class AdjointProblem(AdjointConditions):
         return self.rows.held(free, self.presses, wanted)
 
     def energy(self, start: Start) -> float:
-        """Half the energy of the adjoint without conditions on open rows, in the tangent's law."""
+        """Half the energy of the adjoint without conditions on open rows, in the tangent's law.
+
+        Rounding errors of a rigid motion may have either sign: they count as zero.
+        """
         points = self.bound_data.discrete.points
         trace, deviator = points.strain(start.base.z + start.lift)
         mean, stress = self.tangent.moduli.stress(trace, deviator)
         stored = points.integral(mean * trace + dots(stress, deviator)) / 2
-        return stored + spring_energy(
-            self.bound_data.discrete, start.base.z + start.lift
-        )
+        sprung = spring_energy(self.bound_data.discrete, start.base.z + start.lift)
+        return max(stored + sprung, 0.0)
 
     def of(self, start: Start, factor: float) -> Adjoint:
         """An admissible pair for lambda >= ``least``, made for the ``factor`` lambda."""

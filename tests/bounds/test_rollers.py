@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from bodies import STEEL, curved, distorted, moved_by
+from bodies import STEEL, curved, distorted, moved_by, tapered
 from featured import two_squares
 from netgen.meshing import Element1D, Element2D, FaceDescriptor, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
@@ -16,6 +16,8 @@ from ngepc import (
     Problem,
     Roller,
     error_bound,
+    evolve,
+    load_cycle,
     semismooth_newton,
 )
 from ngepc.bounds.rollers import by_nodes, in_components
@@ -148,6 +150,7 @@ def octant(turn, supports, order=1):
     return Problem(mesh, STEEL, None, load, prescribed=supports, order=order)
 
 
+LYING = {"left": Roller(value=1e-3), "front": Roller(), "clamped": Roller()}
 IN_SPACE = {"left": Roller(value=1e-3), "back": Roller(), "clamped": Roller()}
 AXES = {
     "left": (-1e-3, None, None),
@@ -156,9 +159,16 @@ AXES = {
 }
 
 
+def turned_in_space():
+    """A rotation about the third axis, and one about the first."""
+    turn = np.eye(3)
+    turn[:2, :2] = TURN
+    return TILT @ turn
+
+
 def test_a_turned_solid_has_the_same_bound():
     """The search computes in single precision."""
-    turn = TILT @ np.pad(TURN, (0, 1)) + np.outer(TILT[:, 2], [0, 0, 1])
+    turn = turned_in_space()
     upright = error_bound(solved(octant(np.eye(3), AXES)))
     on_rollers = error_bound(solved(octant(np.eye(3), IN_SPACE)))
     turned = error_bound(solved(octant(turn, IN_SPACE)))
@@ -297,3 +307,45 @@ def test_supports_of_nodes_are_exact():
     basis = supports.basis(np.ones(len(u), dtype=bool))
     assert basis @ (basis.T @ u.ravel()) == pytest.approx(supports.kept(u).ravel())
     assert (basis.T @ basis - np.eye(basis.shape[1])).max() < 1e-14
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_hexahedra(order):
+    bounds = []
+    for turn in (np.eye(3), turned_in_space()):
+        mesh = moved_by(turn, tapered(2))
+        load = {"right": tuple(turn @ [1.5, 0.3, 0.2])}
+        problem = Problem(mesh, STEEL, None, load, prescribed=LYING, order=order)
+        bounds.append(error_bound(solved(problem)))
+    here, there = bounds
+    assert there.total == pytest.approx(here.total, rel=0.02)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_body_that_contact_and_a_roller_hold(order):
+    bounds = []
+    for turn in (UPRIGHT, TURN):
+        problem = Problem(
+            moved_by(turn, block.mesh(0.25, (1.0, 1.0))),
+            STEEL,
+            None,
+            {"contact": tuple(turn @ [0.1, -1.0]), "right": tuple(turn @ [0.0, 0.3])},
+            prescribed={"left": Roller()},
+            contact="clamped",
+            gap=1e-3,
+            order=order,
+        )
+        bounds.append(error_bound(solved(problem)))
+    here, there = bounds
+    assert there.total == pytest.approx(here.total, rel=1e-6)
+
+
+def test_a_history_on_meshes_that_follow_the_bound():
+    """Each step of a turned body keeps its budget, and its history starts from its own mesh."""
+    problem = quarter(TURN, contact=None, gap=None, body_force=None)
+    cycle = load_cycle(problem, [1, -0.5], steps=2)
+    run = evolve(problem, cycle, error=0.05).raise_for_status()
+    assert max(run.column("error_bound")) <= 0.05
+    assert run.column("nodes")[-1] > problem.mesh.nv
+    last = error_bound(run.steps[-1].solution)
+    assert last.relative == pytest.approx(run.column("error_bound")[-1], rel=1e-9)

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
-from bodies import in_quadrilaterals, tapered
+from bodies import in_quadrilaterals, moved_by, tapered
 from campaigns.random_problems import BODIES, Draw, build, draws
 from campaigns.two_bodies import held_block, two_blocks
 from ngsolve import CF, Mesh, cos, sin, x, y
 
-from ngepc import Material, Overlay, semismooth_newton
+from ngepc import Material, Overlay, Roller, semismooth_newton
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.transfer import bisected, on_mesh
@@ -49,16 +49,22 @@ WIDER = (
     "sub-elements, order 2",
     "revolution",
     "revolution, order 2",
+    "rollers",
+    "rollers, order 2",
+    "rollers, solid",
+    "rollers, order 2, solid",
 )
 """More kinds, with elastic foundations, in plane stress, with each triangle cut into three
-quadrilaterals, of a few hexahedra, of two bodies, held by contact alone, with sub-elements, or
-bodies of revolution: ``--rows "springs,plane stress"``."""
+quadrilaterals, of a few hexahedra, of two bodies, held by contact alone, with sub-elements,
+bodies of revolution, or turned bodies on rollers: ``--rows "springs,plane stress"``."""
 
 BISECTIONS = dict.fromkeys(
     [
         "solid",
         "springs, solid",
         "friction, order 2, solid",
+        "rollers, solid",
+        "rollers, order 2, solid",
         *[kind for kind in WIDER if kind.startswith(("quadrilaterals", "hexahedra"))],
     ],
     1,
@@ -142,6 +148,8 @@ def problem_of(draw, kind):
         return replace(problem, mesh=few_hexahedra(draw))
     if kind.startswith("springs"):
         return with_springs(problem, draw)
+    if kind.startswith("rollers"):
+        return on_rollers(problem, draw)
     if kind.startswith("sub-elements"):
         return replace(problem, material=in_sub_elements(problem.material, draw))
     if rough:
@@ -218,6 +226,41 @@ def with_springs(problem, draw):
         return replace(problem, springs={body.load: k})
     place = body.load if problem.contact_names else body.contact
     return replace(problem, springs={place: each})
+
+
+def on_rollers(problem, draw):
+    """The body, turned, on a roller in the place of the clamp; springs hold what is left free.
+
+    The roller is a normal one, or one along a given direction; half of them move.
+    """
+    body = BODIES[draw.body]
+    N = problem.N
+    turn = turned_by(3 * draw.angle, N)  # the load has the angle itself
+    number = int(1e6 * draw.maxh)
+    size = body.length * 10**draw.length_unit
+    strain = draw.gap_size * problem.material.yield_stress / problem.material.lame_mu
+    value = (0.0, 0.1 * strain * size)[number % 2]
+    direction = (None, None, tuple(turn @ np.linspace(0.4, 1.0, N)))[number % 3]
+    k = problem.material.lame_mu / size * 10 ** (2 * (1e4 * draw.maxh % 1))
+    place = body.load if problem.contact_names else body.contact
+    return replace(
+        problem,
+        mesh=moved_by(turn, problem.mesh),
+        clamped=None,
+        prescribed={body.clamped: Roller(direction, value)},
+        springs={place: (k,) * N},
+    )
+
+
+def turned_by(angle, N):
+    """A rotation in the plane, in space followed by one about the first axis."""
+    c = math.cos(angle)
+    s = math.sin(angle)
+    turn = np.eye(N)
+    turn[:2, :2] = [[c, -s], [s, c]]
+    if N == 2:
+        return turn
+    return np.array([[1, 0, 0], [0, s, -c], [0, c, s]]) @ turn
 
 
 def random_draws(seed, kind):

@@ -51,7 +51,7 @@ def goals_of(problem, draw):
         return {"contact force": "contact_force", "mean displacement": displacement}
     body = BODIES[draw.body]
     goals = {"work": "work"}
-    if problem.clamped_names:
+    if problem.clamped_names or problem.rollers:
         goals["reaction"] = Reaction(body.clamped, 0)
     if "|" not in body.load:
         goals["mean displacement"] = MeanDisplacement(body.load, 0)

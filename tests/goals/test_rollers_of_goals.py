@@ -208,3 +208,23 @@ def test_a_solid_on_slanted_rollers(order):
         values.append((found.lower, found.upper))
     width = values[0][1] - values[0][0]
     assert values[1] == pytest.approx(values[0], abs=0.2 * width)
+
+
+def test_a_reaction_that_the_loads_determine_alone():
+    """The adjoint is a rigid motion, whose energy is rounding of either sign."""
+    problem = plate(
+        TURN,
+        prescribed={"clamped": Roller()},
+        traction={"contact": tuple(TURN @ [0.3, -0.7])},
+        body_force=None,
+        springs={"right": 1e3},
+        contact=None,
+        gap=None,
+        order=2,
+    )
+    result = solved(problem)
+    for component in (0, 1):
+        found = goal_bound(result, Reaction("clamped", component))
+        wanted = 0.7 * TURN[component, 1]
+        assert found.lower <= wanted <= found.upper
+        assert found.upper - found.lower < 1e-8 * abs(wanted)
