@@ -73,6 +73,7 @@ A method may cover two features but not both at once. These pairs are refused, t
   tied.
 - `evolve(error=...)` with Hill's criterion or sub-elements needs triangles or tetrahedra and
   `order=1`. Quadrilaterals and hexahedra are cut into these, with displacements of order 2.
+- Goals with Hill's criterion need kinematic hardening alone: no isotropic hardening, law or rate.
 - Receipts in three dimensions need `order=1`. They need obstacles that are affine on each facet
   of the contact boundary, and supports that hold each component on a side of the boundary across
   it, or all components on some side.

@@ -56,8 +56,10 @@ from ngepc.local.result import ExactResult
 from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem
 
-COVERS = BOUNDED - {"anisotropic yield", "axisymmetric"}
+COVERS = BOUNDED - {"axisymmetric"}
 """Features that goal bounds cover."""
+WITH_HILL = COVERS - {"isotropic hardening", "hardening law", "rate"}
+"""Those that they cover together with Hill's criterion."""
 
 STEP = 1.3
 """Factor between the lambdas that are tried for one adjoint."""
@@ -272,6 +274,9 @@ def check_goals(problem: Problem) -> None:
     bounded = FEATURES.keys() - BOUNDED
     advice = "; displacement_bracket(result, ...) covers it"
     require_covered(problem, "a goal bound", COVERS | bounded, advice)
+    if FEATURES["anisotropic yield"].found(problem):
+        what = "a goal bound with Hill's criterion"
+        require_covered(problem, what, WITH_HILL | bounded, advice)
 
 
 class GoalProblem:

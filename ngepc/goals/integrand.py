@@ -21,6 +21,7 @@ from ngepc.bounds.conjugate import R6, THIN
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.polynomials import NODES, TO_NODES, coefficients
 from ngepc.bounds.simplices import stored_by_cells
+from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.law import Law
 from ngepc.discretisation.overlay_law import OverlayLaw
 from ngepc.goals.adjoint import Adjoint
@@ -229,10 +230,15 @@ def constant_result(
         sigma=stored_by_cells(sigma[..., 1:] - law.back[owner, None]) / two_mu,
         trial=(state.at.trial / law.two_mu[:, None])[owner, None],
         mean=(sigma[..., 0] - own_mean) * half_root(law.bulk)[owner, None],
-        law=LawOnParts(*numbers, resistance),
+        law=LawOnParts(*numbers, resistance, form_of(law, owner)),
         size=size,
         owner=owner,
     )
+
+
+def form_of(law: Law, points: np.ndarray) -> np.ndarray | None:
+    """The form of Hill's ellipsoid at some points, (., d, d); None for von Mises."""
+    return law.form[points] if isinstance(law, HillLaw) else None
 
 
 def coefficients_on_parts(
@@ -267,6 +273,10 @@ def varying_data(
     resistance = None
     if not law.resistance.is_constant:
         resistance = law.resistance.of(each * owner)
+    numbers = {name: np.asarray(getattr(law, name))[::each][owner] for name in names}
+    form = form_of(law, each * owner)
+    if form is not None:
+        numbers["form"] = form
     return VaryingData(
         tau=tau,
         sigma=sigma,
@@ -275,7 +285,7 @@ def varying_data(
         back=on_parts(np.ascontiguousarray(law.back)),
         trace=on_parts(strain[0]),
         strain=on_parts(strain[1]),
-        law={name: np.asarray(getattr(law, name))[::each][owner] for name in names},
+        law=numbers,
         size=size,
         owner=owner,
         resistance=resistance,

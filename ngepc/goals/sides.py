@@ -23,8 +23,12 @@ from ngepc.bounds.simplices import of_cells
 from ngepc.discretisation.resistance import Resistance
 from ngepc.goals.cutting import potential_integrals
 from ngepc.goals.supremum import ScaledLaw
+from ngepc.goals.supremum_of_ellipsoids import EllipsoidLaw
 from ngepc.goals.supremum_of_laws import NonlinearLaw
 from ngepc.goals.whole_cells import close_enough, whole_integrals
+
+AnyLaw = ScaledLaw | NonlinearLaw | EllipsoidLaw
+"""What Phi depends on, by the kind of law."""
 
 AT_ONCE = 2000
 """Cells that are treated at once."""
@@ -32,21 +36,29 @@ AT_ONCE = 2000
 
 @dataclass(frozen=True, eq=False)
 class LawOnParts:
-    """The numbers of the law on parts, (parts,); ``resistance`` is that of a nonlinear one."""
+    """The numbers of the law on parts, (parts,); ``resistance`` is that of a nonlinear one.
+
+    ``form`` (parts, d, d) is that of Hill's ellipsoid, None for von Mises.
+    """
 
     two_mu: np.ndarray
     hardening: np.ndarray
     beta: np.ndarray
     resistance: Resistance | None = None
+    form: np.ndarray | None = None
 
     def of(self, chosen: slice | np.ndarray) -> LawOnParts:
         """Those of some of the parts."""
         own = None if self.resistance is None else self.resistance.of(chosen)
+        form = None if self.form is None else self.form[chosen]
         numbers = (self.two_mu, self.hardening, self.beta)
-        return LawOnParts(*(values[chosen] for values in numbers), own)
+        return LawOnParts(*(values[chosen] for values in numbers), own, form)
 
-    def scaled(self, factor: float) -> ScaledLaw | NonlinearLaw:
+    def scaled(self, factor: float) -> AnyLaw:
         """What Phi depends on, for lambda."""
+        if self.form is not None:
+            numbers = self.two_mu, self.hardening, self.beta
+            return EllipsoidLaw(*numbers, *np.linalg.eigh(self.form), factor)
         if self.resistance is not None:
             moduli = self.two_mu, self.hardening
             return NonlinearLaw(self.resistance, *moduli, factor)
@@ -151,7 +163,7 @@ class Sides:
         """Those of w, (parts, k or 1, d)."""
         return factor * self.result.trial - sign * self.strain
 
-    def law(self, factor: float) -> ScaledLaw | NonlinearLaw:
+    def law(self, factor: float) -> AnyLaw:
         """What Phi depends on, for lambda."""
         return self.result.law.scaled(factor)
 

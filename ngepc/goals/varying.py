@@ -32,7 +32,8 @@ class VaryingData:
     """Coefficients on parts (parts, k, .), and the law there (parts,).
 
     ``tau`` and ``sigma`` are stresses, mean and deviator; ``volume`` and ``trial`` are tr eps_h and
-    s, ``back`` dev alpha_0, ``trace`` and ``strain`` belong to eps(z).  ``resistance`` is that of a
+    s, ``back`` dev alpha_0, ``trace`` and ``strain`` belong to eps(z).  ``law`` has the form of
+    Hill's ellipsoid, (parts, d, d), where there is one; ``resistance`` is that of a
     nonlinear hardening law on the parts, None for linear hardening.
     """
 
@@ -73,7 +74,7 @@ class VaryingData:
             own = own.of(np.repeat(np.arange(len(self.size)), count))
         return VaryingData(
             **{name: on_child_parts(getattr(self, name)) for name in NAMES},
-            law={name: np.repeat(v, count) for name, v in self.law.items()},
+            law={name: v.repeat(count, axis=0) for name, v in self.law.items()},
             size=np.repeat(self.size / count, count),
             owner=np.repeat(self.owner, count),
             resistance=own,
@@ -90,8 +91,8 @@ class VaryingData:
         """
         trial = self._at_rule("trial")
         size = np.sqrt(dots(trial, trial))
-        law = {name: value[:, None] for name, value in self.law.items()}
-        kept = kept_part(size, law["two_mu"], law["hardening"], law["beta"])
+        names = ("two_mu", "hardening", "beta")
+        kept = kept_part(size, *(self.law[name][:, None] for name in names))
         return (kept * dots(trial, self._at_rule("strain"))) @ WEIGHTS[self.k]
 
     def work(self) -> np.ndarray:
@@ -112,7 +113,11 @@ def half_root(bulk: np.ndarray) -> np.ndarray:
 def sides_of(data: VaryingData) -> Sides:
     """The supremum for both signs and every lambda."""
     law = LawOnParts(
-        data.law["two_mu"], data.law["hardening"], data.law["beta"], data.resistance
+        data.law["two_mu"],
+        data.law["hardening"],
+        data.law["beta"],
+        data.resistance,
+        data.law.get("form"),
     )
     two_mu = law.two_mu[:, None, None]
     bulk = data.law["bulk"][:, None]

@@ -30,7 +30,6 @@ import numpy as np
 
 from ngepc.bounds.polynomials import worth_keeping
 from ngepc.goals.supremum import ScaledLaw
-from ngepc.goals.supremum_of_laws import NonlinearLaw
 from ngepc.goals.yielding import (
     LEAST_BEND,
     YieldLaw,
@@ -150,14 +149,14 @@ def yielding_cells(
 
 
 def whole_integrals(
-    law: ScaledLaw | NonlinearLaw, pulled: np.ndarray, w: np.ndarray, volume: np.ndarray
+    law: object, pulled: np.ndarray, w: np.ndarray, volume: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Integrals of Phi over cells: upper bounds and estimates, (cells,); infinite where none is.
 
     ``law`` and ``w`` (cells, d) are those of the cells, ``pulled`` (cells, parts, k, d)
-    coefficients of q/(2 mu_2).  Nonlinear laws have none.
+    coefficients of q/(2 mu_2).  Laws other than linear hardening of von Mises have none.
     """
-    if isinstance(law, NonlinearLaw):
+    if not isinstance(law, ScaledLaw):
         none = np.full(len(pulled), np.inf)
         return none, none
     values = np.ascontiguousarray(pulled.transpose(3, 1, 2, 0))

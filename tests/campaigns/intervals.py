@@ -17,6 +17,7 @@ from campaigns.random_problems import BODIES
 
 from ngepc import MeanDisplacement, Reaction, goal_bound, semismooth_newton, solve_to
 from ngepc.bounds.bound import bound_data_of
+from ngepc.bounds.rollers import result_by_nodes
 from ngepc.bounds.transfer import on_mesh, with_matching
 from ngepc.goals.goal_terms import terms_of
 from ngepc.goals.verdicts import FINEST
@@ -82,7 +83,8 @@ def fine_problem(problem):
 
 
 def value_of(result, goal):
-    """The goal of a discrete solution."""
+    """The goal of a discrete solution; rollers are supports of its nodes, not rows."""
+    result = result_by_nodes(result)
     bound_data = bound_data_of(result.discrete)
     return terms_of(goal, bound_data).value(bound_data, result.state)
 
