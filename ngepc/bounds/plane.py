@@ -169,7 +169,7 @@ class SecondOrderModel:
             if 2 * len(there) >= len(at.mean):
                 result[cells] = self._missed(functional, z, cells, at)
             elif len(there):
-                some = Completed(*(of_cells(values, there) for values in at))
+                some = at._make(of_cells(values, there) for values in at)
                 there += cells.start
                 result[there] = self._missed(functional, z, there, some)
         return result
