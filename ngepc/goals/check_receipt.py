@@ -229,8 +229,7 @@ def join(r: Body) -> None:
     r.out = np.flatnonzero(r.other == places)
     r.ends = ends[:, r.out]
     vertices = np.unique(np.sort(r.ends[: r.N], axis=0), axis=1)
-    complete = vertices.shape[1] == len(r.out) == B
-    need(complete, "held: not the sides of the boundary")
+    need(vertices.shape[1] == len(r.out) == B, "held: not the sides of the boundary")
     r.outer = np.sqrt((area[:, r.out] ** 2).sum(axis=0))
     r.normal = area[:, r.out] / r.outer
     across = r.held & (np.abs(r.normal) > 0.8) & (len(r.way) == r.N)
@@ -283,6 +282,8 @@ def balance(r: Body) -> None:
 
 def defects(r: Body) -> list[float]:
     """The numbers (sum b^2/M)^(1/2) of 2, twice because of rounding."""
+    need(((r.way >= 0) & (r.way < r.v)).all(), "way: not a side of its cell")
+    need((r.passed > 0).all(), "passed: not positive")
     for side, flows, support in zip(r.way, r.passed, r.support, strict=True):
         place = side * r.K + np.arange(r.K)
         beyond = r.other[place]
@@ -412,8 +413,7 @@ def check(path: str) -> str:
         need(right, f"{name}: {header[name]} claimed, {value} proved")
     text = "least energy in ({lower}, {upper})".format_map(header)
     if "goal" in header:
-        need(str(header["goal"]).isprintable(), "goal: no name")
-        text += ", {goal} in ({goal lower}, {goal upper})".format_map(header)
+        text += ", {goal!r} in ({goal lower}, {goal upper})".format_map(header)
     return text
 
 

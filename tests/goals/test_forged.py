@@ -266,6 +266,28 @@ def test_a_body_that_nothing_holds(receipt):
     check_receipt.proved_intervals(words, header)
 
 
+@pytest.mark.parametrize("side", [-1.0, 4.0, 2.0**53, 2.0**61, -(2.0**61), 1e29])
+def test_ways_through_sides_of_other_cells(side, receipt):
+    """Products with the number of cells that overflow can be places anywhere."""
+    arrays, header = receipt
+    way = arrays["way"].astype(float)
+    way[0, 0] = side
+    refused(arrays | {"way": way}, header, "^way: not a side of its cell")
+
+
+def test_a_name_is_no_claim(receipt, tmp_path):
+    """Names of goals are in quotes, and on one line."""
+    arrays, header = receipt
+    names = "a in (1, 2), b", "u\nPASS: another", "'a' in (1, 2), 'b", ["a"], 3.0
+    for name in names:
+        claims = header | {"goal": name}
+        path = tmp_path / "receipt.npz"
+        np.savez(path, header=json.dumps(claims), receipt=packed(arrays, header))
+        text = check_receipt.check(path)
+        assert text.isprintable()
+        assert f", {name!r} in ({header['goal lower']}, " in text
+
+
 def test_a_roller_along_a_side_holds_no_torque(receipt):
     """Components across all sides of the boundary are free: the body can turn."""
     arrays, header = receipt
