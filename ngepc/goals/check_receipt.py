@@ -224,7 +224,7 @@ def join(r: Body) -> None:
     joined = (ends == ends[:, r.other]).all() and (r.other[r.other] == places).all()
     need(joined and ends.min() >= 0, "other: not the other side")
     area = np.concatenate(list(r.area), axis=1)
-    apart = (area * area[:, r.other]).sum(axis=0) < 0
+    apart = einsum("aP,aP->P", area, area.take(r.other, axis=1)) < 0
     need((apart | (r.other == places)).all(), "cells: two overlap at their side")
     r.out = np.flatnonzero(r.other == places)
     r.ends = ends[:, r.out]
@@ -264,7 +264,7 @@ def balance(r: Body) -> None:
     inside = r.degree / r.N * inside - r.body_force * r.volume
     pairs = zip(T, r.on_side, strict=True)
     jump = np.concatenate([row[rows] for row, rows in pairs], axis=-1)
-    jump = jump + jump.take(r.other, axis=-1)
+    jump += jump.take(r.other, axis=-1)
     pulled = r.traction - r.pressure[:, None] * r.normal[:, None]
     left = jump[..., r.out] / 2 - pulled * r.outer
     jump[..., r.out] = np.where(r.held[:, None], 0.0, 2 * left)
