@@ -32,8 +32,8 @@ from ngepc.goals.adaptive import solve_to as solve_to
 from ngepc.goals.brackets import Bracket as Bracket
 from ngepc.goals.brackets import contact_force_bracket as contact_force_bracket
 from ngepc.goals.brackets import displacement_bracket as displacement_bracket
-from ngepc.goals.goal_bound import GoalBound as GoalBound
 from ngepc.goals.goal_bound import goal_bound as goal_bound
+from ngepc.goals.goal_interval import GoalBound as GoalBound
 from ngepc.goals.goal_terms import ContactForceOn as ContactForceOn
 from ngepc.goals.goal_terms import LoadWork as LoadWork
 from ngepc.goals.goal_terms import MeanDisplacement as MeanDisplacement

@@ -19,7 +19,7 @@ MOVED = {
     "ngepc.bounds.adaptive.Refinement": "ngepc.goals.adaptive.Refinement",
     "ngepc.bounds.adaptive.solve_to": "ngepc.goals.adaptive.solve_to",
     "ngepc.bounds.bound.setting_of": "ngepc.bounds.bound.bound_data_of",
-    "ngepc.bounds.goal_bound.GoalBound": "ngepc.goals.goal_bound.GoalBound",
+    "ngepc.bounds.goal_bound.GoalBound": "ngepc.goals.goal_interval.GoalBound",
     "ngepc.bounds.goal_bound.goal_bound": "ngepc.goals.goal_bound.goal_bound",
     "ngepc.bounds.goal_terms.ContactForceOn": "ngepc.goals.goal_terms.ContactForceOn",
     "ngepc.bounds.goal_terms.LoadWork": "ngepc.goals.goal_terms.LoadWork",

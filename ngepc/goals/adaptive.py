@@ -30,7 +30,8 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.goal_bound import COVERS as GOALS
-from ngepc.goals.goal_bound import GoalBound, GoalProblem, half_in_percent, thick_goal
+from ngepc.goals.goal_bound import GoalProblem
+from ngepc.goals.goal_interval import GoalBound, half_in_percent, thick_goal
 from ngepc.goals.goal_terms import is_mean
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance

@@ -28,7 +28,7 @@ from ngepc.checks.kinds import require_instance, require_path
 from ngepc.discretisation.factors import Factors
 from ngepc.goals import check_receipt
 from ngepc.goals.adjoint_conditions import AdjointConditions
-from ngepc.goals.goal_bound import GoalBound
+from ngepc.goals.goal_interval import GoalBound
 from ngepc.goals.integrand import BoundPart
 from ngepc.goals.receipt_file import basis_coordinates, in_file_order, lossy, with_hints
 from ngepc.goals.receipt_mesh import FileCells, Pieces

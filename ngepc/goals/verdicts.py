@@ -20,7 +20,7 @@ from ngepc.goals.adaptive import (
     Refinement,
     solve_to,
 )
-from ngepc.goals.goal_bound import GoalBound
+from ngepc.goals.goal_interval import GoalBound
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import solve_exactly
 from ngepc.model.problem import Problem
