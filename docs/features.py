@@ -22,7 +22,7 @@ METHODS = {
     "exact": solver.COVERS,
     "primal": energy.COVERS,
     "gamma": blocks.COVERS,
-    "bound": bounds.WITH_ROLLERS,
+    "bound": bounds.COVERS,
     "goal": goal_bound.COVERS,
     "receipt": receipt.COVERS,
     "bracket": brackets.COVERS,
@@ -74,9 +74,9 @@ A method may cover two features but not both at once. These pairs are refused, t
 - `evolve(error=...)` with Hill's criterion or sub-elements needs triangles or tetrahedra and
   `order=1`. Quadrilaterals and hexahedra are cut into these, with displacements of order 2.
 - Goals with Hill's criterion need kinematic hardening alone: no isotropic hardening, law or rate.
-- Receipts in three dimensions need `order=1`. They need obstacles that are affine on each facet
-  of the contact boundary, and supports that hold each component on a side of the boundary across
-  it, or all components on some side.
+- Receipts of rollers are for those along an axis, and in three dimensions for `order=1`. They need
+  obstacles that are affine on each facet of the contact boundary, and supports that hold each
+  component on a side of the boundary across it, or all components on some side.
 
 Bounds and brackets need coefficients that are constant on each element. "Guaranteed" means
 proved for data that are numbers, finite element functions or polynomials on each element, and for

@@ -13,7 +13,7 @@ from ngsolve import Mesh
 from ngepc.bounds.bisection import Bisection
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets
-from ngepc.bounds.coverage import WITH_ROLLERS as BOUNDED
+from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import (
     BALANCED,
     factorise,

@@ -31,14 +31,12 @@ COVERS = (
     | {"friction", "hardening law", "initial strain", "order 2", "plane stress"}
     | {"anisotropic yield", "cyclic hardening", "quadrilaterals", "springs"}
     | {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
-    | {"axisymmetric", "contact at a clamp"}
+    | {"axisymmetric", "contact at a clamp", "rollers"}
 )
-"""Features that guaranteed bounds cover, of bodies whose supports hold components.
+"""Features that guaranteed bounds cover.
 
-Two bodies and parts that contact alone holds in the plane and without friction."""
-
-WITH_ROLLERS = COVERS | {"rollers"}
-"""The same with rollers on straight sides; those along an axis hold a component."""
+Two bodies and parts that contact alone holds in the plane and without friction; rollers on
+straight sides, of which those along an axis hold a component."""
 
 OF_REVOLUTION = (
     BASIC_FEATURES
@@ -217,24 +215,24 @@ def check_features(problem: Problem) -> None:
     advice = "; error_indicators(result) estimates, without a guarantee"
     if has_straight_simplices(problem.mesh):
         advice = ""
-    require_covered(problem, "a bound", WITH_ROLLERS, advice)
+    require_covered(problem, "a bound", COVERS, advice)
     if problem.kinematics.hoop:
         require_covered(problem, "a bound of a body of revolution", OF_REVOLUTION)
     if problem.N == 3:
-        require_covered(problem, "a bound in three dimensions", WITH_ROLLERS - HELD)
+        require_covered(problem, "a bound in three dimensions", COVERS - HELD)
     if problem.friction is not None:
-        require_covered(problem, "a bound with friction", WITH_ROLLERS - HELD)
+        require_covered(problem, "a bound with friction", COVERS - HELD)
     if FEATURES["quadrilaterals"].found(problem):
-        require_covered(problem, "a bound on quadrilaterals", WITH_ROLLERS - HELD)
+        require_covered(problem, "a bound on quadrilaterals", COVERS - HELD)
     if FEATURES["hexahedra"].found(problem):
         check_hexahedra(problem.mesh)
         if problem.order == 2:
-            covers = WITH_ROLLERS - {"friction"}
+            covers = COVERS - {"friction"}
             require_covered(problem, "a bound on hexahedra of order 2", covers)
     check_pairs(problem)
     for feature, what in ON_PARALLELOGRAMS.items():
         if FEATURES[feature].found(problem) and not is_bilinear(problem):
-            covers = WITH_ROLLERS - {"quadrilaterals", "hexahedra"}
+            covers = COVERS - {"quadrilaterals", "hexahedra"}
             advice = ", or parallelograms and order=1" if problem.N == 2 else ""
             require_covered(problem, what, covers, advice)
 

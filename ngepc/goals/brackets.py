@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ngepc.bounds.bound import ErrorBound, error_bound
-from ngepc.bounds.coverage import WITH_ROLLERS as BOUNDED
+from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words, interval_in_words
 from ngepc.discretisation.loads import applied_forces

@@ -30,7 +30,7 @@ import numpy as np
 
 from ngepc.bounds.bound import ErrorBound, bound_and_search, bound_data_of, state_of
 from ngepc.bounds.counterpart import on_simplices
-from ngepc.bounds.coverage import WITH_ROLLERS as BOUNDED
+from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.rollers import result_by_nodes
 from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one

@@ -24,6 +24,7 @@ from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.polynomials import NODES, coefficients
+from ngepc.bounds.rollers import in_components, result_by_nodes
 from ngepc.checks.kinds import require_instance, require_path
 from ngepc.discretisation.factors import Factors
 from ngepc.goals import check_receipt
@@ -42,8 +43,8 @@ from ngepc.results.files import check_writable
 COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
 COVERS -= {"anisotropic yield", "cyclic hardening", "springs"}
 COVERS -= {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
-COVERS -= {"axisymmetric"}
-"""Features that receipts cover."""
+COVERS -= {"axisymmetric", "rollers"}
+"""Features that receipts cover; rollers along an axis hold a component."""
 
 CLEARANCE = 1e-11
 """Fraction of the largest displacement by which bodies are moved away from the obstacle."""
@@ -106,10 +107,10 @@ def write_receipt(
     path = require_path("path", path, ".npz")
     goal = result if isinstance(result, GoalBound) else None
     problem = result.problem if goal is None else goal.bound.problem
-    require_covered(problem, "a receipt", COVERS)
+    require_covered(in_components(problem), "a receipt", COVERS)
     check_writable(path)
     if goal is None:
-        result = on_simplices(result)
+        result = on_simplices(result_by_nodes(result))
         bound_data = bound_data_of(result.discrete)
         tangent = Factors(bound_data.discrete, "sparsecholesky")
         state = state_of(bound_data.discrete, result)

@@ -16,6 +16,7 @@ from ngepc import (
     confidence,
     contact_force_bracket,
     displacement_bracket,
+    error_bound,
     goal_bound,
     semismooth_newton,
     solve_to,
@@ -184,6 +185,10 @@ def test_solve_to_verdict_and_brackets():
 
 def test_receipts_of_rollers_along_axes_are_those_of_components(tmp_path):
     result = solved(plate())
+    least, upper = write_receipt(result, tmp_path / "energy.npz")
+    bound = error_bound(result)
+    assert least < bound.least_energy < bound.energy < upper
+    assert upper - least < 1.05 * bound.total
     found = goal_bound(result, Reaction("left", 0))
     lower, upper = write_receipt(found, tmp_path / "goal.npz")
     assert lower < found.discrete < upper

@@ -24,7 +24,6 @@ from ngepc import (
     Roller,
     Voce,
 )
-from ngepc.bounds import coverage as bounds
 from ngepc.geometries import block
 from ngepc.model.features import FEATURES, features_of, require_covered
 from ngepc.model.hill import Hill
@@ -148,9 +147,7 @@ def test_every_list_is_in_the_table():
     """A method that lists what it covers has a column in docs/features.md."""
     tables = [value for _, value in lists_of_features()]
     assert len(tables) >= len(table.METHODS)
-    bound = {bounds.COVERS, bounds.WITH_ROLLERS}  # of components, and of all supports
-    assert {*tables} - bound == {*table.METHODS.values()} - bound
-    assert bounds.COVERS < bounds.WITH_ROLLERS
+    assert {*tables} == {*table.METHODS.values()}
 
 
 def lists_of_features():

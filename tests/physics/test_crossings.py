@@ -266,7 +266,7 @@ METHODS = {
     "exact": (by_exact_method, solver.COVERS),
     "witness": (by_witness, energy.COVERS),
     "gamma": (by_regularisation, blocks.COVERS),
-    "bound": (by_bound, bounds.WITH_ROLLERS),
+    "bound": (by_bound, bounds.COVERS),
     "goal": (by_goal, intervals.COVERS),
     "receipt": (by_receipt, receipt.COVERS),
     "bracket": (by_bracket, brackets.COVERS),
