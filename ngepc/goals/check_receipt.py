@@ -299,7 +299,7 @@ def defects(r: Body) -> list[float]:
     (C, D), parts = CONSTANTS[r.N], math.factorial(r.N)
     b = C * math.sqrt(parts) * r.inside + D * tractions
     b *= r.length**2 * r.steep / np.sqrt(parts * r.volume)
-    M = 1e9 * np.minimum(2 * r.mu * r.hardening / (2 * r.mu + r.hardening), r.bulk)
+    M = np.minimum(2 * r.mu * r.hardening / (2 * r.mu + r.hardening), r.bulk)
     return (2 * np.sqrt((b**2 / M).sum(axis=1))).tolist()
 
 
