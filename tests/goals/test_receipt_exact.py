@@ -151,3 +151,44 @@ def test_no_displacement_or_stress_proves_something_false(seed):
         other["stress"] *= 1 + size * random.normal(size=shape)
         factor = {"factor": 10.0 ** random.uniform(-3, 3)}
         assert body.is_inside(body.proved(arrays | other, header | factor))
+
+
+def missed_equilibrium(r):
+    """Least b with |R(w)| <= b (int M |eps(w)|^2)^(1/2) for the w of the mesh, by layers."""
+    P = r.points.shape[1]
+    M = np.minimum(2 * r.mu * r.hardening / (2 * r.mu + r.hardening), r.bulk)
+    basis = check_receipt.basis("two-dimensional")
+    R, A = np.zeros((2, 2 * P)), np.zeros((2 * P, 2 * P))
+    for cell, vertices in enumerate(r.cells.T):
+        frame = np.vstack([np.ones(3), r.points[:, vertices]])
+        slopes = np.linalg.inv(frame)[:, 1:]
+        area = abs(np.linalg.det(frame)) / 2
+        strains = np.einsum("cij,vj->cvi", basis, slopes).reshape(3, 6)
+        rows = (2 * vertices[:, None] + [0, 1]).ravel()
+        A[np.ix_(rows, rows)] += M[cell] * area * strains.T @ strains
+        R[:, rows] += area * r.stress[..., cell].mean(axis=0).T @ strains
+    for side, ends in enumerate(r.ends.T):
+        pull = r.outer[side] / 2 * r.traction[0, :, :, side]
+        for end in ends:
+            R[:, [2 * end, 2 * end + 1]] -= pull.T
+    held = r.ends[:, r.held.all(axis=0)]
+    free = np.setdiff1d(np.arange(2 * P), [2 * held, 2 * held + 1])
+    solved = np.linalg.solve(A[np.ix_(free, free)], R[:, free].T)
+    return np.sqrt(np.einsum("lf,fl->l", R[:, free], solved))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_what_equilibrium_misses_is_bounded(seed):
+    """Two triangles that hand on all forces: the bound is 1e4 times what their own w find."""
+    random = np.random.default_rng(seed)
+    body = Rectangle(random, n=1, scales=(3, 0, -4, 2))
+    arrays, header = body.file()
+    arrays["stress"] += random.normal(size=arrays["stress"].shape)
+    words = with_hints(packed(arrays, header), header)
+    r = check_receipt.opened(words, header)
+    check_receipt.displaced(r)
+    check_receipt.balance(r)
+    bounds = np.array(check_receipt.defects(r)) / 2
+    missed = missed_equilibrium(r)
+    assert (missed <= bounds).all()
+    assert (missed >= 1e-5 * bounds).all()
