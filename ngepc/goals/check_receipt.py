@@ -270,10 +270,10 @@ def balance(r: Body) -> None:
     jump[..., r.out] = np.where(r.held[:, None], 0.0, 2 * left)
     r.reaction = np.where(r.held[:, None], left, 0.0)
     sizes = size(r.stress) + r.length * size(r.body_force[None])
-    rounding = EPS * r.length ** (r.N - 1) * sizes
+    rounding = 2 * EPS * r.length ** (r.N - 1) * sizes
     jumps = size(jump) / 2
     pulls = size(r.traction) + np.abs(r.pressure).max(axis=0)
-    jumps[:, r.out] += EPS * r.outer * pulls
+    jumps[:, r.out] += 2 * EPS * r.outer * pulls
     r.inside = size(inside) + rounding
     r.jumps = jumps.reshape(r.L, r.v, r.K).sum(axis=1) + (r.v + 1) * rounding
     r.force = r.inside + r.jumps
@@ -411,10 +411,10 @@ def check(path: str) -> str:
     for name, value in proved.items():
         right = header[name] <= value if "lower" in name else value <= header[name]
         need(right, f"{name}: {header[name]} claimed, {value} proved")
-    text = "least energy in ({lower}, {upper})".format_map(header)
+    text = "{K} cells, {kinematics}: least energy in ({lower}, {upper})"
     if "goal" in header:
-        text += ", {goal!r} in ({goal lower}, {goal upper})".format_map(header)
-    return text
+        text += ", {goal!r} in ({goal lower}, {goal upper})"
+    return text.format_map(header)
 
 
 def check_files(paths: list[str]) -> int:
