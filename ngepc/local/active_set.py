@@ -163,11 +163,9 @@ class InexactTarget:
         return at, False
 
     def _first_set(self, here: State) -> np.ndarray:
-        """The rows that press, or that penetrate if none presses, and tied rows."""
-        active = here.multipliers > 0
-        if not self._contact.processes.any(active):
-            active = here.open_gap < 0
-        return active | self._contact.rows.tied
+        """The rows that press or penetrate, and tied rows."""
+        penetrated = here.open_gap < -here.touching_distance
+        return (here.multipliers > 0) | penetrated | self._contact.rows.tied
 
     def _closed(self, active: np.ndarray, y: np.ndarray, c: np.ndarray) -> Closed:
         """Closed rows, and their tangential behaviour for the trial forces y = x - c g."""
