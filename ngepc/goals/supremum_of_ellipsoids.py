@@ -31,7 +31,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.bounds.polynomials import portions, square_integrals
+from ngepc.bounds.polynomials import portions
+from ngepc.goals.supremum_of_laws import SearchedLaw
 
 CLOSE = 0.02
 """Halving ends where the bound exceeds the largest value by this part of what it is beyond p . w/k,
@@ -43,7 +44,7 @@ TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
-class EllipsoidLaw:
+class EllipsoidLaw(SearchedLaw):
     """``ScaledLaw`` for Hill's ellipsoid.
 
     ``two_mu``, ``hardening`` and ``beta`` are arrays (n,), ``sizes`` (n, d) and ``vectors``
@@ -62,16 +63,6 @@ class EllipsoidLaw:
         numbers = (self.two_mu, self.hardening, self.beta, self.sizes, self.vectors)
         return EllipsoidLaw(*(values[chosen] for values in numbers), self.factor)
 
-    def repeated(self, count: int) -> EllipsoidLaw:
-        """That of each point so many times."""
-        return self.of_points(np.repeat(np.arange(len(self.two_mu)), count))
-
-    def quadratic(
-        self, pulled: np.ndarray, w: np.ndarray, volume: np.ndarray
-    ) -> np.ndarray:
-        """Integrals of Phi where nothing may yield, from coefficients on parts, (n,)."""
-        return square_integrals(pulled + w, volume) * self.two_mu / (4 * self.factor)
-
     def elastic(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Where nothing may yield, for coefficients on parts, see ``ScaledLaw.elastic``."""
         k = self.factor / self.two_mu
@@ -86,13 +77,6 @@ class EllipsoidLaw:
         turned = np.einsum("nci,ckn->ikn", self.vectors, values)
         squares = np.einsum("ni,ikn->kn", self.sizes, turned**2)
         return np.sqrt(squares.max(axis=0))
-
-    def yielding_means(
-        self, pulled: np.ndarray, w: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """There are no means for the ellipsoid: infinite, see ``ScaledLaw.yielding_means``."""
-        none = np.full(pulled.shape[2], np.inf)
-        return none, none
 
     def potential(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
         """No less than Phi for p and w at points of parts, see ``ScaledLaw.potential``."""

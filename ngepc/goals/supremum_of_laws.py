@@ -21,7 +21,9 @@ with c r >= |p| and c rho >= |w|
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -40,10 +42,39 @@ ROUNDING = 1e-12
 BEYOND = 1.5
 """Factor between the first largest g and the smallest one for which the last bound holds."""
 TINY = np.finfo(float).tiny
+Own = TypeVar("Own", bound="SearchedLaw")
+
+
+class SearchedLaw(ABC):
+    """What laws have in common whose Phi is found by a search, point by point."""
+
+    two_mu: np.ndarray
+    factor: float
+
+    @abstractmethod
+    def of_points(self: Own, chosen: slice | np.ndarray) -> Own:
+        """That at some of the points."""
+
+    def repeated(self: Own, count: int) -> Own:
+        """That of each point so many times."""
+        return self.of_points(np.repeat(np.arange(len(self.two_mu)), count))
+
+    def quadratic(
+        self, pulled: np.ndarray, w: np.ndarray, volume: np.ndarray
+    ) -> np.ndarray:
+        """Integrals of Phi where nothing may yield, from coefficients on parts, (n,)."""
+        return square_integrals(pulled + w, volume) * self.two_mu / (4 * self.factor)
+
+    def yielding_means(
+        self, pulled: np.ndarray, w: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """There are no means over parts: infinite, see ``ScaledLaw.yielding_means``."""
+        none = np.full(pulled.shape[2], np.inf)
+        return none, none
 
 
 @dataclass(frozen=True, eq=False)
-class NonlinearLaw:
+class NonlinearLaw(SearchedLaw):
     """``ScaledLaw`` for a nonlinear hardening law; ``two_mu`` and ``hardening`` are arrays (n,)."""
 
     resistance: Resistance
@@ -56,16 +87,6 @@ class NonlinearLaw:
         parts = (v[chosen] for v in (self.two_mu, self.hardening))
         return NonlinearLaw(self.resistance.of(chosen), *parts, self.factor)
 
-    def repeated(self, count: int) -> NonlinearLaw:
-        """That of each point so many times."""
-        return self.of_points(np.repeat(np.arange(len(self.two_mu)), count))
-
-    def quadratic(
-        self, pulled: np.ndarray, w: np.ndarray, volume: np.ndarray
-    ) -> np.ndarray:
-        """Integrals of Phi where nothing may yield, from coefficients on parts, (n,)."""
-        return square_integrals(pulled + w, volume) * self.two_mu / (4 * self.factor)
-
     def elastic(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
         """Where nothing may yield, for coefficients on parts, see ``ScaledLaw.elastic``."""
         y = pulled + w
@@ -75,13 +96,6 @@ class NonlinearLaw:
         p_square = products(pulled, pulled).max(axis=0)
         w_square = products(w, w).max(axis=0)
         return inside & (np.maximum(p_square, w_square) <= reached**2)
-
-    def yielding_means(
-        self, pulled: np.ndarray, w: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """There are no means for nonlinear laws: infinite, see ``ScaledLaw.yielding_means``."""
-        none = np.full(pulled.shape[2], np.inf)
-        return none, none
 
     def potential(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
         """No less than Phi for p and w at points of parts, see ``ScaledLaw.potential``."""

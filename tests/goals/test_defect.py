@@ -46,6 +46,14 @@ def out_of_balance(name, path, noise=1e-3):
     return arrays | {name: found[name] for name in ("stress", "way", "passed")}, header
 
 
+def with_forces(arrays, header):
+    """The body of a receipt with what its stress misses of equilibrium."""
+    r = check_receipt.opened(packed(arrays, header), header)
+    check_receipt.displaced(r)
+    check_receipt.balance(r)
+    return r
+
+
 def plain_defect(r):
     """The number b, with loops over cells, their sides, and the ways of forces."""
     N = r.N
@@ -72,9 +80,7 @@ def plain_defect(r):
 def test_the_defect_cell_by_cell(name, tmp_path):
     """By loops, determinants and inverses of the parts of cells."""
     arrays, header = out_of_balance(name, tmp_path / "receipt.npz")
-    r = check_receipt.opened(packed(arrays, header), header)
-    check_receipt.displaced(r)
-    check_receipt.balance(r)
+    r = with_forces(arrays, header)
     assert check_receipt.defects(r)[0] == pytest.approx(plain_defect(r), rel=1e-9)
 
 
@@ -95,9 +101,7 @@ def admissible(arrays, header, random):
 def test_forces_are_bounded_where_they_pass(name, tmp_path):
     """What passes a cell is its own force and all that others pass to it, cell by cell."""
     arrays, header = out_of_balance(name, tmp_path / "receipt.npz")
-    r = check_receipt.opened(packed(arrays, header), header)
-    check_receipt.displaced(r)
-    check_receipt.balance(r)
+    r = with_forces(arrays, header)
     rolls = name.startswith("rolling")
     assert len(r.way) == (2 if rolls else 1)
     for way, passed in zip(r.way, r.passed[:, 0], strict=True):
@@ -116,9 +120,7 @@ def test_forces_are_bounded_where_they_pass(name, tmp_path):
 def test_what_is_out_of_balance_does_no_more_work_than_the_defect_says(name, tmp_path):
     """Virtual work, without any residual: |int S : eps(w) - loads on w| <= b |eps(w)|_m."""
     arrays, header = out_of_balance(name, tmp_path / "receipt.npz")
-    r = check_receipt.opened(packed(arrays, header), header)
-    check_receipt.displaced(r)
-    check_receipt.balance(r)
+    r = with_forces(arrays, header)
     b = check_receipt.defects(r)[0] / 2
     random = np.random.default_rng(1)
     for _ in range(20):
