@@ -15,6 +15,7 @@ gradient has the coordinates of ``RollerFrames``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from copy import copy
 
 import numpy as np
@@ -27,6 +28,7 @@ from ngepc.bounds.element import LEGS, NORMALS, PAIRS, airy_stresses
 from ngepc.bounds.frames import RollerFrames
 from ngepc.bounds.polynomials import AT_NODES, RULE, SIX, WEIGHTS, portions
 from ngepc.bounds.simplices import Simplices, by_cells
+from ngepc.bounds.vertex_matrix import BLOCKS
 
 # entries of a symmetric matrix that are kept
 FIRST, SECOND = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]).T
@@ -36,18 +38,18 @@ LEVEL = 1e-9
 """Smaller components of a unit normal and smaller eigenvalues count as zero."""
 
 
-LOWER = np.tril_indices(3)
-"""The pairs of vertices whose blocks (3, 3) of a stiffness matrix are kept."""
+Blocks = tuple[slice, np.ndarray, np.ndarray, np.ndarray]
+"""Triangles, and blocks of their stiffness matrices, see ``AirySpace.stiffness``."""
 
 
 def kept_entries(n: int) -> np.ndarray:
     """The entries of a symmetric matrix n x n, row by row, from which ``AirySpace`` takes blocks.
 
-    First those of the pairs ``LOWER`` of vertices, (3, 3, 6), then those of the vertices with the
+    First those of the pairs ``BLOCKS`` of vertices, (3, 3, 6), then those of the vertices with the
     n - 9 other unknowns, then those of the others.
     """
     number = np.arange(n * n).reshape(n, n)
-    a, b = LOWER
+    a, b = BLOCKS
     pairs = number[:9, :9].reshape(3, 3, 3, 3)[a, :, b].transpose(1, 2, 0)
     return np.concatenate(
         [pairs.ravel(), number[:9, 9:].ravel(), number[9:, 9:].ravel()]
@@ -90,22 +92,6 @@ for _k, (_i, _j) in enumerate(PAIRS):
     EDGE_ROWS[_k, [3 * _j, 3 * _i]] = 1.5, -1.5
     for _v in (_i, _j):
         EDGE_ROWS[_k, 3 * _v + 1 : 3 * _v + 3] = -0.75 * LEGS[_k]
-
-
-def joined_blocks(
-    corners: np.ndarray, cross: np.ndarray, rest: np.ndarray
-) -> np.ndarray:
-    """The matrices (n, n, nt) of the triangles from the blocks of ``AirySpace.stiffness``."""
-    n = 9 + len(rest)
-    whole = np.empty((n, n, rest.shape[2]))
-    for pair, (a, b) in enumerate(zip(*LOWER, strict=True)):
-        i, j = (slice(3 * v, 3 * v + 3) for v in (a, b))
-        whole[i, j] = corners[:, :, pair]
-        whole[j, i] = corners[:, :, pair].swapaxes(0, 1)
-    whole[:9, 9:] = cross
-    whole[9:, :9] = cross.swapaxes(0, 1)
-    whole[9:, 9:] = rest
-    return whole
 
 
 def turn(x: np.ndarray, y: np.ndarray, J: np.ndarray) -> None:
@@ -336,7 +322,7 @@ class AirySpace:
         both = (cross[:, :3] + bent[:, :3] / 2) * self._along
         both = EDGE_ROWS.T @ both.swapaxes(0, 1).reshape(3, -1)
         both = both.reshape(3, 3, 3, 3, nt)
-        for pair, (a, b) in enumerate(zip(*LOWER, strict=True)):
+        for pair, (a, b) in enumerate(zip(*BLOCKS, strict=True)):
             corners[:, :, pair] += both[a, :, b]
             corners[:, :, pair] += both[b, :, a].swapaxes(0, 1)
         back = self._J.swapaxes(0, 1)
@@ -354,26 +340,21 @@ class AirySpace:
         six = np.einsum("qskt,skt->qst", half[:, FIRST], M[SECOND])
         return six.reshape(-1, len(H))
 
-    def stiffness(self, H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def stiffness(self, H: np.ndarray) -> Iterator[Blocks]:
         """Stiffness of the triangles from d2 phi*/dz2 at one point or all, (nt, ., 3, 3).
 
-        The blocks of the pairs ``LOWER`` of vertices, (3, 3, 6, nt); those of the vertices with the
-        n - 9 other unknowns, (9, n - 9, nt); those of the others.
+        For some triangles after the others: which these are, the blocks of the pairs ``BLOCKS`` of
+        vertices, (3, 3, 6, n); those of the vertices with the k other unknowns, (9, k, n); those of
+        the others.  All of them at once would be new memory on each mesh, which takes longer.
         """
-        n, nt = self.unknowns.shape
         table = self.rule.stiffness
         table = table if H.shape[1] > 1 else table.sum(axis=0)
         table = table.reshape(-1, table.shape[-1]).T.copy()
-        blocks = tuple(
-            np.empty((*shape, nt)) for shape in ((3, 3, 6), (9, n - 9), (n - 9, n - 9))
-        )
-        for cells in portions(nt, AT_ONCE):
+        for cells in portions(len(H), AT_ONCE):
             part = self.of(cells)
-            found = part._blocks(table @ part._compliances(H[cells]))
-            self.frames.turn(*found[:2], part.unknowns[:9:3] // 3, LOWER)
-            for whole, values in zip(blocks, found, strict=True):
-                whole[..., cells] = values
-        return blocks
+            corners, cross, rest = part._blocks(table @ part._compliances(H[cells]))
+            self.frames.turn(corners, cross, part.unknowns[:9:3] // 3, BLOCKS)
+            yield cells, corners, cross, rest
 
     def stress(self, x: np.ndarray) -> np.ndarray:
         """In-plane stress coordinates at the points, (nt, points, 3), of all unknowns x."""

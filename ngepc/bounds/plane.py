@@ -218,7 +218,6 @@ def tightened(
     """
     there = slice(None)
     part = functional
-    whole = system
     gain = effort.gain
     search = None
     for step in range(effort.newton + 1):
@@ -244,7 +243,7 @@ def tightened(
         there = cells.around(worst, RINGS)
         part = functional.alone(there)
         centre = of_cells(z, there)
-        system = whole.on(part.space, there)
+        system = TwoLevels(part.space)
     return z, search
 
 

@@ -8,11 +8,13 @@ import pytest
 from ngsolve import x
 
 from ngepc import Material, Problem, Swift, Tabulated, Voce, semismooth_newton
-from ngepc.bounds.airy import LOWER, AirySpace, kept_entries
+from ngepc.bounds.airy import AirySpace, kept_entries
 from ngepc.bounds.bound import bound_data_of, state_of
 from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.data import stress_coordinates
 from ngepc.bounds.levels import TwoLevels
+from ngepc.bounds.plane import strain_of
+from ngepc.bounds.vertex_matrix import BLOCKS
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
 from ngepc.goals.adjoint import AdjointProblem
@@ -107,7 +109,7 @@ def test_stiffness_matrices_belong_to_the_map_of_the_unknowns(degree):
     K = random + random.swapaxes(0, 1)
     whole = np.einsum("kit,klt,ljt->ijt", T, K, T, optimize=True)
     blocks = space._blocks(K.reshape(n * n, count)[kept_entries(n)])
-    a, b = LOWER
+    a, b = BLOCKS
     pairs = whole[:9, :9].reshape(3, 3, 3, 3, count)[a, :, b]
     wanted = pairs.transpose(1, 2, 0, 3), whole[:9, 9:], whole[9:, 9:]
     for given, part in zip(blocks, wanted, strict=True):
@@ -124,7 +126,7 @@ def test_some_triangles_alone_have_the_matrix_of_the_whole(degree):
     part = space.alone(chosen)
     H = np.tile(np.diag([1.0, 2.0, 3.0]), (len(cells.nodes), 1, 1, 1))
     whole = TwoLevels(space, cells)
-    few = whole.on(part, chosen)
+    few = TwoLevels(part)
     for system, own in ((whole, H), (few, H[chosen])):
         system.update(system.space.stiffness(own), None)
     x = np.random.default_rng(1).normal(size=len(part.free)) * part.free
@@ -134,9 +136,37 @@ def test_some_triangles_alone_have_the_matrix_of_the_whole(degree):
     whole._modes = few._modes = []
     found, wanted = few.product(x), whole.product(same)
     np.testing.assert_allclose(found, wanted[part.numbers] * part.free, atol=1e-9)
+    strain = strain_of(H, space.stress(same))
+    forces = space.gathered(space.forces(strain)) * space.free
+    np.testing.assert_allclose(wanted, forces, atol=1e-9)
     np.testing.assert_allclose(
         part.stress(x), space.stress(same)[chosen], rtol=1e-12, atol=1e-9
     )
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_the_direct_solver_of_some_vertices_inverts_their_block(count):
+    """K_vv x on the free unknowns of some vertices gives x back; single blocks do so alone."""
+    bound_data, _ = solved()
+    space = AirySpace(bound_data.boundary, 3, bound_data.piola)
+    system = TwoLevels(space, bound_data.cells)
+    H = np.tile(np.diag([1.0, 2.0, 3.0]), (len(space.det), 1, 1, 1))
+    system.update(space.stiffness(H), None)
+    free = space.free[: space.vertices].reshape(-1, 3)
+    vertices = np.flatnonzero(free.any(axis=1))[:count]
+    chosen = np.zeros_like(free)
+    chosen[vertices] = free[vertices]
+    x = np.random.default_rng(count).normal(size=chosen.shape) * chosen
+    r = system._vertices.product(x.ravel())
+    found = system._vertices.inverse(chosen.ravel()).solve(r)
+    np.testing.assert_allclose(found, x.ravel(), atol=1e-12)
+
+    one = vertices[-1:]
+    alone = np.zeros_like(x)
+    alone[one] = x[one]
+    r = system._vertices.product(alone.ravel()).reshape(-1, 3)[one]
+    inverse = system._vertices.inverse_blocks(one, free[one])
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", inverse, r), x[one], atol=1e-12)
 
 
 def test_a_straight_law_beyond_yield_is_integrated_exactly():
