@@ -443,16 +443,16 @@ def large_motion(strain: float, rotation: float, part: float) -> str:
     sizes = f"Strains reach {in_percent(strain)}"
     if spurious > NEGLIGIBLE * strain:
         sizes += (
-            f" and rotations {rotation:.2g} rad, which is a spurious strain of "
-            f"{in_percent(spurious)}"
+            f" and rotations {rotation:.2g} rad (which the model takes for a strain of "
+            f"{in_percent(spurious)})"
         )
-    limits = f"more than {in_percent(SMALL_STRAIN)} or {SMALL_ROTATION:g} rad"
+    limits = f"They are above {in_percent(SMALL_STRAIN)} or {SMALL_ROTATION:g} rad"
     if part < FEW_PLACES:
         return (
-            f"{sizes}, but {limits} in {at_most_percent(part)} of the body only: at corners and "
-            "edges of contact they grow with every refinement."
+            f"{sizes}. {limits} in {at_most_percent(part)} of the body only; at corners and edges "
+            "of contact they grow with every refinement."
         )
     return (
-        f"{sizes}, and {limits} in {in_percent(part)} of the body: the model is for small ones, "
-        "and elongations, stresses and forces may be wrong by as much."
+        f"{sizes}. {limits} in {in_percent(part)} of the body: the model is for small ones, and "
+        "elongations, stresses and forces may be wrong by as much."
     )

@@ -294,7 +294,7 @@ def test_large_strains_and_rotations_are_said_with_what_is_off(
     said = "the model is for small ones" in result.message
     assert said == (strain > 0.03 or rotation > 0.05)
     if rotation > 0.05:
-        assert "a spurious strain of 0.18 percent" in result.message
+        assert "takes for a strain of 0.18 percent" in result.message
     assert ("rotations" in result.message) == (said and rotation > 0)
 
 
