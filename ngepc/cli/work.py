@@ -423,7 +423,14 @@ def check_file(args: argparse.Namespace) -> int:
             f"{args.receipt}: FAIL: no receipt, as ngepc.write_receipt makes\n"
         )
         return 1
-    return check_receipt.check_files([str(args.receipt)])
+    try:
+        shown = check_receipt.check(str(args.receipt))
+    except Exception as error:  # whatever is wrong with a file, it does not pass
+        reason = error if isinstance(error, ValueError) else repr(error)
+        sys.stdout.write(f"{args.receipt}: FAIL: {reason}\n")
+        return 1
+    sys.stdout.write(f"{args.receipt}: PASS: {shown}\n")
+    return 0
 
 
 def notebooks(args: argparse.Namespace) -> int:

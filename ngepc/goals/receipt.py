@@ -156,7 +156,8 @@ def words_of(
     file = FileOf(bound_data, pieces)
     layers = [receipt_arrays(file, bound, u)]
     if goal is not None:
-        layers.append(goal_arrays(file, goal, u))
+        adjoint = goal_arrays(file, goal, u)
+        layers.append({name: v / header["factor"] for name, v in adjoint.items()})
     return with_hints(in_file_order(file.cells, layers, header), header), header
 
 

@@ -36,17 +36,15 @@ def in_file_order(
     ``layers`` have the arrays of the energy, and for a goal those of its adjoint, with the cells,
     nodes or sides first.
     """
-    first = layers[0]
-    last = {name: cells_last(name, values) for name, values in first.items()}
+    last = {name: cells_last(name, values) for name, values in layers[0].items()}
     for name in LAYERED:
         rows = [cells_last(name, layer[name]) for layer in layers]
         last[name] = np.stack(rows, axis=-2)
     L, K = len(layers), len(cells.cells)
-    W = 1 if first["held"].all(axis=1).any() else cells.N
     last |= {"points": cells.points.T, "cells": cells.cells.T, "other": cells.other}
-    last |= {"way": np.zeros((W, K)), "passed": np.zeros((W, L, K))}
+    last |= {"way": np.zeros((cells.N, K)), "passed": np.zeros((cells.N, K))}
     last["tangent"] = np.zeros((2 * L - 2, K))
-    header |= {"P": len(cells.points), "K": K, "B": len(cells.out), "W": W}
+    header["sizes"] = [len(cells.points), K, len(cells.out)]
     return packed({name: without_tiny(values) for name, values in last.items()}, header)
 
 
@@ -54,29 +52,23 @@ def with_hints(words: np.ndarray, header: dict[str, object]) -> np.ndarray:
     """The words of a receipt with the ways of forces, their sizes, and tangents of suprema."""
     arrays = check_receipt.arrays_in(words, header)
     r = check_receipt.opened(words, header)
-    check_receipt.displaced(r)
-    check_receipt.balance(r)
     for component, support in enumerate(r.support):
         way, levels = ways(r.other, support, r.K)
         arrays["way"][component] = way
-        for flow, force in zip(arrays["passed"][component], r.force, strict=True):
-            flow[:] = passed(force, way, r.other, levels)
+        arrays["passed"][component] = passed(r.force[component], way, r.other, levels)
     if "goal" in header:
         for row, sign in enumerate((-1, 1)):
-            arrays["tangent"][row] = best_tangent(r, float(header["factor"]), sign)
+            arrays["tangent"][row] = best_tangent(r, sign)
     return words
 
 
 def lossy(words: np.ndarray, header: dict[str, object], allowed: float) -> np.ndarray:
     """Cells whose bounds of plastic energies lose most; the others lose less than ``allowed``."""
     r = check_receipt.opened(words, header)
-    check_receipt.displaced(r)
-    flow = (
-        check_receipt.flow(r.trial, r.beta) + mean_squared_excess(r.trial, r.beta) / 2
-    )
-    size = check_receipt.lengths(r.shifted)
-    excess = check_receipt.squared_excess(r.shifted, size, r.beta)
-    excess = (excess - mean_squared_excess(r.shifted, r.beta)) / (2 * r.hardening)
+    flow = check_receipt.flow(r.s, r.beta) + mean_squared_excess(r.s, r.beta) / 2
+    size = check_receipt.lengths(r.x)
+    excess = check_receipt.squared_excess(r.x, size, r.beta)
+    excess = (excess - mean_squared_excess(r.x, r.beta)) / (2 * r.hardening)
     loss = r.volume * np.abs(flow / (2 * r.mu + r.hardening) + excess)
     order = loss.argsort()
     found = np.zeros(r.K, dtype=bool)
@@ -167,16 +159,16 @@ def passed(
     return total
 
 
-def best_tangent(r: SimpleNamespace, factor: float, sign: int) -> np.ndarray:
+def best_tangent(r: SimpleNamespace, sign: int) -> np.ndarray:
     """The numbers r of ``TANGENTS`` with the least suprema."""
-    _, v, (k, H, beta), _ = check_receipt.integrand(r, factor, sign)
-    more = check_receipt.lengths(v).mean(axis=0) - k * beta * (1 + 2 * H)
-    guess = np.maximum(more, 0.0) / (2 * k * H * (1 + H))
+    y, v = check_receipt.plastic(r, sign)
+    more = check_receipt.lengths(v).mean(axis=0) - r.beta * (1 + 2 * r.H)
+    guess = np.maximum(more, 0.0) / (2 * r.H * (1 + r.H))
     best = np.full(r.K, np.inf)
     found = np.zeros(r.K)
     for part in TANGENTS:
         tangent = part * guess
-        value = check_receipt.suprema(r, factor, sign, tangent)
+        value = check_receipt.supremum(y, v, tangent, r.H, r.beta)
         found = np.where(value < best, tangent, found)
         best = np.minimum(value, best)
     return without_tiny(found)

@@ -63,7 +63,7 @@ class Judge:
     """The claims of a receipt, checked by quadrature instead of bounds."""
 
     def __init__(self, arrays, header):
-        self.a = arrays = by_cells(by_layers(arrays), header)
+        self.a = arrays = by_cells(by_layers(arrays, header), header)
         self.header = header
         self.N = arrays["points"].shape[1]
         self.n = arrays["stress"].shape[-1]
@@ -394,14 +394,14 @@ ADJOINT = {
 """Names of the second layer of the arrays."""
 
 
-def by_layers(arrays):
-    """The arrays of a file without layers: those of the adjoint have other names."""
+def by_layers(arrays, header):
+    """The arrays of a file without layers: those of the adjoint, times the factor, by name."""
     found = dict(arrays)
     for name, second in ADJOINT.items():
         layers = np.moveaxis(arrays[name], -2, 0)
         found[name] = layers[0]
         if len(layers) > 1:
-            found[second] = layers[1]
+            found[second] = header["factor"] * layers[1]
     return found
 
 
@@ -441,12 +441,12 @@ def tensors(x, N, n):
     T[..., 0, 0] += difference
     T[..., 1, 1] -= difference
     if n == 3:
-        third = x[..., 2] / math.sqrt(6)
+        third = x[..., 3] / math.sqrt(6)
         T[..., 0, 0] += third
         T[..., 1, 1] += third
         T[..., 2, 2] -= 2 * third
-    for place, (i, j) in enumerate(combinations(range(N), 2)):
-        T[..., i, j] = T[..., j, i] = x[..., n + place] / math.sqrt(2)
+    for place, (i, j) in zip((2, 4, 5), combinations(range(N), 2), strict=False):
+        T[..., i, j] = T[..., j, i] = x[..., place] / math.sqrt(2)
     return T
 
 

@@ -64,7 +64,7 @@ def test_a_cell_that_is_folded_over_its_neighbour(receipt):
     points = copied(arrays, "points")
     vertices = arrays["cells"][:3]
     on_boundary = [
-        np.delete(vertices[:, p % header["K"]], p // header["K"])
+        np.delete(vertices[:, p % vertices.shape[1]], p // vertices.shape[1])
         for p in boundary(arrays)
     ]
     points[:, np.setdiff1d(vertices, on_boundary)[0]] = [3.0, 2.0]
@@ -90,7 +90,13 @@ def without_place(arrays, header, row):
     """The arrays without a side of the boundary."""
     names = "held", "contact", "traction", "gap", "pressure"
     short = {name: np.delete(arrays[name], row, axis=-1) for name in names}
-    return short, header | {"B": header["B"] - 1}
+    return short, with_sides(header, -1)
+
+
+def with_sides(header, more):
+    """A header that says that the boundary has more sides, or fewer."""
+    P, K, B = header["sizes"]
+    return header | {"sizes": [P, K, B + more]}
 
 
 def test_a_side_of_the_boundary_that_is_left_out(receipt):
@@ -104,7 +110,7 @@ def test_a_side_of_the_boundary_that_is_left_out(receipt):
     glued = {"other": other.reshape(arrays["other"].shape)}
     names = "held", "contact", "traction", "gap", "pressure"
     fewer = {name: arrays[name][..., :-2] for name in names}
-    sizes = header | {"B": header["B"] - 2}
+    sizes = with_sides(header, -2)
     refused(arrays | glued | fewer, sizes, "^other: not the other side")
 
 
@@ -122,7 +128,7 @@ def test_a_crack_that_cannot_be_seen(receipt):
     longer = {"other": other.reshape(arrays["other"].shape)}
     for name in ("held", "contact", "traction", "gap", "pressure"):
         longer[name] = np.insert(arrays[name], rows, 0, axis=-1)
-    refused(arrays | longer, header | {"B": header["B"] + 2}, "^held: not the sides")
+    refused(arrays | longer, with_sides(header, 2), "^held: not the sides")
     cells = copied(arrays, "cells")
     cells[cells == cells[:3].max()] = -1  # another name of the same point
     refused(arrays | longer | {"cells": cells}, header, "^other: |^receipt: ")
@@ -132,7 +138,7 @@ def test_sides_that_are_joined_to_others(receipt):
     """To a side elsewhere, to one that is joined to a third, or to none."""
     arrays, header = receipt
     place = inside(arrays)
-    for value in (place, boundary(arrays)[0], 0, header["K"], -1):
+    for value in (place, boundary(arrays)[0], 0, header["sizes"][1], -1):
         other = arrays["other"].ravel().copy()
         if other[place] == value:
             continue
@@ -147,7 +153,7 @@ def test_a_displacement_that_is_torn(receipt):
     if header["order"] == 1:
         return
     cells = copied(arrays, "cells")
-    side, cell = np.divmod(inside(arrays), header["K"])
+    side, cell = np.divmod(inside(arrays), header["sizes"][1])
     cells[3 + side, cell] = cells[3:].max() - 1
     refused(arrays | {"cells": cells}, header, "^other: not the other side")
 
@@ -167,7 +173,7 @@ def test_places_between_numbers(name, receipt):
     arrays, header = receipt
     values = arrays[name].astype(float)
     values.ravel()[0] += 0.5
-    refused(arrays | {name: values}, header, "^cells, other, way: ")
+    refused(arrays | {name: values}, header, f"^{name}: no whole numbers")
 
 
 @pytest.mark.parametrize("row", [1, 2, 3])
@@ -215,7 +221,7 @@ def test_a_goal_with_other_weights(receipt):
     arrays, header = receipt
     gap = copied(arrays, "gap")
     gap[:, 1] *= 2
-    refused(arrays | {"gap": gap}, header, "^u: the adjoint is wrong")
+    refused(arrays | {"gap": gap}, header, "^u: .* the adjoint wrong there")
     for name in ("body_force", "traction"):
         values = copied(arrays, name)
         values[..., 1, :] += 1.0
@@ -252,27 +258,20 @@ def test_a_body_that_nothing_holds(receipt):
     arrays, header = receipt
     free = {"held": 0 * arrays["held"]}
     refused(arrays | free, header, "^way: it ends where nothing holds")
-    N = arrays["body_force"].shape[0]
-    both = {
-        "way": np.tile(arrays["way"], (N, 1)),
-        "passed": np.tile(arrays["passed"], (N, 1, 1)),
-    }
-    header = header | {"W": N}
-    for component in range(N):
+    for component in range(len(arrays["held"])):
         held = copied(arrays, "held")
         held[component] = 0
-        refused(arrays | both | {"held": held}, header, "^way: it ends where nothing")
-    words = packed(arrays | both, header)
-    check_receipt.proved_intervals(words, header)
+        refused(arrays | {"held": held}, header, "^way: it ends where nothing")
 
 
+@pytest.mark.filterwarnings("ignore:invalid value encountered in cast")
 @pytest.mark.parametrize("side", [-1.0, 4.0, 2.0**53, 2.0**61, -(2.0**61), 1e29])
 def test_ways_through_sides_of_other_cells(side, receipt):
     """Products with the number of cells that overflow can be places anywhere."""
     arrays, header = receipt
     way = arrays["way"].astype(float)
     way[0, 0] = side
-    refused(arrays | {"way": way}, header, "^way: not a side of its cell")
+    refused(arrays | {"way": way}, header, "^invalid entry|^way: no whole numbers")
 
 
 def test_a_name_is_no_claim(receipt, tmp_path):
@@ -292,13 +291,8 @@ def test_a_roller_along_a_side_holds_no_torque(receipt):
     """Components across all sides of the boundary are free: the body can turn."""
     arrays, header = receipt
     r = check_receipt.opened(packed(arrays, header), header)
-    N = arrays["body_force"].shape[0]
     along = np.abs(r.normal) < 0.5
-    both = {
-        "way": np.tile(arrays["way"], (N, 1)),
-        "passed": np.tile(arrays["passed"], (N, 1, 1)),
-    }
-    refused(arrays | both | {"held": along}, header | {"W": N}, "^way: it ends where")
+    refused(arrays | {"held": along}, header, "^way: it ends where")
 
 
 def test_sizes_do_not_depend_on_the_distance_from_the_origin(receipt):

@@ -63,8 +63,8 @@ class Rectangle:
             for layer, pull in enumerate(pulls):
                 self.tractions[:, :, layer, number] = pull / np.abs(along).sum()
 
-    def file(self):
-        """Arrays and header of a receipt, without hints."""
+    def file(self, factor=0.5):
+        """Arrays and header of a receipt, without hints; the factor is a power of two."""
         P, K, B = len(self.points), self.cells.shape[1], self.held.shape[1]
         basis = check_receipt.basis("two-dimensional")
         stress = np.einsum("cij,lij->cl", basis, np.array(self.stresses, dtype=float))
@@ -73,19 +73,17 @@ class Rectangle:
             "u": np.stack([values.T for values in self.values], axis=1),
             "stress": np.tile(stress[None, :, :, None], (3, 1, 1, K)),
             "law": np.append(self.law, [0] * 4)[:, None].repeat(K, axis=1),
-            "body_force": np.zeros((2, 2, K)), "way": np.zeros((1, K)),
-            "passed": np.zeros((1, 2, K)), "tangent": np.zeros((2, K)),
+            "body_force": np.zeros((2, 2, K)), "way": np.zeros((2, K)),
+            "passed": np.zeros((2, K)), "tangent": np.zeros((2, K)),
             "held": self.held, "contact": np.zeros(B), "traction": self.tractions,
             "gap": np.zeros((2, 2, B)), "pressure": np.zeros((2, 2, B)),
         }  # fmt: skip
         arrays = {name: values.astype(float) for name, values in arrays.items()}
-        header = {
-            "kinematics": "two-dimensional",
-            "order": 1,
-            "goal": "Q",
-            "factor": 0.5,
-        }
-        return arrays, header | {"P": P, "K": K, "B": B, "W": 1}
+        for name in ("u", "stress", "traction"):
+            np.moveaxis(arrays[name], -2, 0)[1] /= factor
+        header = {"kinematics": "two-dimensional", "order": 1, "goal": "Q"}
+        header["factor"] = factor
+        return arrays, header | {"sizes": [P, K, B]}
 
     def proved(self, arrays, header):
         """What the checker proves with good hints."""
@@ -140,8 +138,8 @@ def test_no_displacement_or_stress_proves_something_false(seed):
     """Whatever nobody prescribes is changed, and factor and hints of the suprema."""
     random = np.random.default_rng(seed)
     body = Rectangle(random)
-    arrays, header = body.file()
     for number in range(10):
+        arrays, header = body.file(2.0 ** random.integers(-10, 11))
         size = 10.0 ** random.uniform(-16, 2)
         other = {name: arrays[name].copy() for name in ("u", "stress")}
         other["u"][:, :, body.inside] += size * random.normal(
@@ -149,12 +147,11 @@ def test_no_displacement_or_stress_proves_something_false(seed):
         )
         shape = other["stress"].shape if number % 2 else (2, 1)
         other["stress"] *= 1 + size * random.normal(size=shape)
-        factor = {"factor": 10.0 ** random.uniform(-3, 3)}
-        assert body.is_inside(body.proved(arrays | other, header | factor))
+        assert body.is_inside(body.proved(arrays | other, header))
 
 
 def missed_equilibrium(r):
-    """Least b with |R(w)| <= b (int M |eps(w)|^2)^(1/2) for the w of the mesh, by layers."""
+    """Least b with |R(w)| <= b (int M |eps(w)|^2)^(1/2) for the w of the mesh, of both layers."""
     P = r.points.shape[1]
     M = np.minimum(2 * r.mu * r.hardening / (2 * r.mu + r.hardening), r.bulk)
     basis = check_receipt.basis("two-dimensional")
@@ -186,9 +183,6 @@ def test_what_equilibrium_misses_is_bounded(seed):
     arrays["stress"] += random.normal(size=arrays["stress"].shape)
     words = with_hints(packed(arrays, header), header)
     r = check_receipt.opened(words, header)
-    check_receipt.displaced(r)
-    check_receipt.balance(r)
-    bounds = np.array(check_receipt.defects(r)) / 2
-    missed = missed_equilibrium(r)
-    assert (missed <= bounds).all()
-    assert (missed >= 1e-5 * bounds).all()
+    bound = check_receipt.defect(r)
+    missed = missed_equilibrium(r).sum()
+    assert 1e-5 * bound <= missed <= bound
