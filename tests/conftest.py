@@ -234,8 +234,18 @@ def pytest_collection_finish():
     gc.enable()
 
 
+def pytest_configure(config):
+    """Let each worker begin with other folders: what one has compiled the others only read."""
+    worker = getattr(config, "workerinput", None)
+    if worker and config.args == [HERE.name]:
+        folders = sorted({str(path.parent) for path in HERE.glob("*/test_*.py")})
+        first = int(worker["workerid"].removeprefix("gw"))
+        first = first * len(folders) // worker["workercount"]
+        config.args = folders[first:] + folders[:first]
+
+
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: rank(item.path))
+    items.sort(key=lambda item: (rank(item.path), item.path))
     for item in items:
         if is_slow(item.path):
             item.add_marker(pytest.mark.slow)
