@@ -274,7 +274,7 @@ class Parts:
 
     def differences(self) -> np.ndarray:
         """By how much the values differ on each part, (parts, k)."""
-        return np.ptp(self.values, axis=1)
+        return differences_on(self.values)
 
     def chosen(self, mask: np.ndarray) -> Parts:
         """Some of the parts."""
@@ -287,6 +287,17 @@ class Parts:
         return cls(*(np.concatenate(field) for field in zip(*fields, strict=True)))
 
 
+def differences_on(values: np.ndarray) -> np.ndarray:
+    """By how much values (parts, points, k) differ on each part, (parts, k)."""
+    return np.ptp(np.ascontiguousarray(values.swapaxes(0, 1)), axis=0)
+
+
+def variation(values: np.ndarray) -> np.ndarray:
+    """By how much values (parts, points, k) differ on all parts, (k,)."""
+    columns = values.reshape(-1, values.shape[-1]).T
+    return np.ptp(np.ascontiguousarray(columns), axis=1)
+
+
 def smooth_groups(values: np.ndarray, dim: int) -> np.ndarray:
     """Which groups of the parts of a lattice have values that a quadratic function fits.
 
@@ -296,8 +307,8 @@ def smooth_groups(values: np.ndarray, dim: int) -> np.ndarray:
     components = values.shape[2]
     of_groups = values.reshape(-1, len(basis), components)
     missed = of_groups - basis @ (basis.T @ of_groups)
-    varies = np.ptp(values, axis=(0, 1))
-    return (np.abs(missed).max(axis=1) <= FOLLOWED * varies).all(axis=1)
+    largest = np.abs(np.ascontiguousarray(missed.swapaxes(0, 1))).max(axis=0)
+    return (largest <= FOLLOWED * variation(values)).all(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -444,7 +455,7 @@ class Scan:
         """The rule on one piece of an element."""
         dim = self.dim
         parts, groups = self._sampled(number, piece)
-        limit = STEEP[dim] * np.ptp(parts.values, axis=(0, 1))
+        limit = STEEP[dim] * variation(parts.values)
         kept = []
         for level in range(LEVELS[dim] + 1):
             steep = (parts.differences() > limit).any(axis=1)
@@ -481,7 +492,7 @@ class Scan:
         values = np.concatenate([at_lattice, centres[:, None]], axis=1)
 
         groups = groups_of_parts(dim, self.count)
-        steep = np.ptp(values, axis=1) > STEEP[dim] * np.ptp(values, axis=(0, 1))
+        steep = differences_on(values) > STEEP[dim] * variation(values)
         smooth = smooth_groups(values, dim)
         smooth &= ~steep.reshape(len(groups), -1).any(axis=1)
         each = len(corners) // len(groups)
