@@ -46,6 +46,8 @@ SAMPLE = {
     "local/indicators.py:averaged summed": "clamped",
     "model/support.py:_agreed summed": "halves",
     "results/equilibrium.py:Equilibrium.resultant total": "clamped",
+    "results/result.py:DiscreteSolution._hidden_overlap maximum": "ribs",
+    "results/result.py:DiscreteSolution._observations maximum": "ribs",
 }
 """Sums of each room that has any, those that few bodies notice, and such a body."""
 
@@ -59,8 +61,6 @@ UNNOTICED = {
     "results/iteration.py:slope_rounding dot": "an estimate of rounding",
     "results/iteration.py:slope_rounding maximum": "an estimate of rounding",
     "results/iteration.py:slope_rounding total": "an estimate of rounding",
-    "results/result.py:DiscreteSolution._hidden_overlap maximum": "in these bodies as deep on all",
-    "results/result.py:DiscreteSolution._observations maximum": "the scale of a tolerance",
 }
 """Sums that may be left out without a change of a number, and why."""
 
@@ -175,6 +175,19 @@ def between(result):
     return discrete.state(2.0 * result.state.u, contact=0.5 * result.state.contact)
 
 
+def overlaps(result):
+    """Whether states short of a solution are said to overlap the obstacle between nodes.
+
+    Half of the displacement is; where only 1.3 percent are missing the overlap is 1.2 percent of
+    the largest displacement of the process with the ribs, and 0.8 percent of that of all.
+    """
+    for share in (0.5, 0.987):
+        part = result.state.discrete.state(
+            share * result.state.u, contact=result.state.contact
+        )
+        yield "Between nodes" in replace(result, state=part).message
+
+
 def integrals(result):
     """Those of contact pressure and friction over the contact boundary."""
     problem = result.problem
@@ -258,6 +271,8 @@ def readings(comm, only=()):
         alone = r"Friction\b.*?\. "
         note = re.sub(alone, "", told.get("note", "") + " ").strip()
         found[name, "words"] = (told["status"], told["body"], note)
+        if name == "ribs":
+            found[name, "overlaps"] = np.array([*overlaps(result)], dtype=float)
         if name == "steps":
             for room, values in history(problem).items():
                 found["history", room] = values
@@ -373,7 +388,7 @@ def test_every_number_of_two_processes_is_that_of_one():
 
 def test_every_number_of_three_processes_is_that_of_one():
     """Of bodies with each kind of support, with friction and without, in the plane and in space."""
-    some = partial(readings, only=("springs", "steps", "halves", "ribs"))
+    some = partial(readings, only=("springs", "Tresca", "halves", "ribs"))
     assert list(differences(whole(), run(3, some))) == []
 
 
