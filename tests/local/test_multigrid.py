@@ -47,7 +47,7 @@ def on_springs():
     """A block on rollers and springs, pushed aside under a press."""
     return Problem(
         *(
-            block.structured_mesh(8, 8),
+            block.structured_mesh(5, 5),
             STEEL,
             None,
             {"right": (-3.0, 0.5)},
@@ -61,7 +61,7 @@ def on_springs():
 
 
 CASES = {
-    "solid": lambda: indented_block(2),
+    "solid": lambda: indented_block(1),
     "solid, order 2": lambda: indented_block(1, order=2),
     "hexahedra": lambda: pressed_body("hexahedra", order=2),
     "little hardening": lambda: indented_block(1, hardening=1.0),
@@ -71,7 +71,7 @@ CASES = {
     "Tresca, cycling sets": lambda: replace(indented_block(1), friction=5.0),
     "Coulomb": lambda: replace(indented_block(1), friction=Coulomb(0.4)),
     "Coulomb, order 2": lambda: replace(
-        pressed_body("prisms", order=2), friction=Coulomb(0.4)
+        pressed_body("tetrahedra", order=2), friction=Coulomb(0.4)
     ),
     "Tresca, flat": lambda: replace(lshape_with("plane strain"), friction=0.05),
     "rollers, springs": on_springs,
@@ -108,12 +108,19 @@ def test_the_solution_is_that_of_the_direct_solver(case, solver):
 @both
 def test_friction_costs_little_more_than_contact(solver):
     """Tresca's law acts on rows far from the obstacle, too: there is more to be found."""
-    smooth, options = solved("solid", solver), NewtonOptions(inverse=solver())
-    rough = replace(smooth.problem, friction=5.0)
-    direct, large = semismooth_newton(rough), semismooth_newton(rough, options=options)
-    counts = [sum(r.history.column("linear_iterations")) for r in (large, smooth)]
-    assert counts[0] <= 4 * counts[1]
-    assert large.primal_energy == pytest.approx(direct.primal_energy, rel=1e-10)
+    options = NewtonOptions(inverse=solver())
+    smooth = indented_block(2)
+    counts = [
+        sum(semismooth_newton(body, options=options).history.column("linear_iterations"))
+        for body in (smooth, replace(smooth, friction=5.0))
+    ]
+    assert counts[1] <= 4 * counts[0]
+
+
+@both
+@pytest.mark.parametrize("case", ["Tresca, cycling sets", "Tresca, flat"])
+def test_forces_of_all_rows_are_those_of_the_direct_solver(case, solver):
+    direct, large = solved(case), solved(case, solver)
     size = direct.contact_force
     assert np.abs(large.state.contact - direct.state.contact).max() < 1e-8 * size
 
