@@ -125,7 +125,7 @@ def test_intervals_hold_fine_values(order):
     problem = plate(
         TURN, order, prescribed=supports, traction=load, contact=None, gap=None
     )
-    fine = solved(finer(problem, 2))
+    fine = solved(finer(problem, 1))
     result = solved(problem)
     for goal in (
         along(TURN),

@@ -48,7 +48,7 @@ def orders(errors):
 
 @cache
 def exact_energy():
-    return stretched_and_pressed(block.structured_mesh(48, 48, simplices=True)).energy()
+    return stretched_and_pressed(block.structured_mesh(32, 32, simplices=True)).energy()
 
 
 @cache
