@@ -56,6 +56,7 @@ COARSER = {
     "docs/howto/geometry.md": {
         "(shape).GenerateMesh(maxh=0.2": "(shape).GenerateMesh(maxh=0.4"
     },
+    "docs/howto/pictures.md": {"dpi=200": "dpi=40"},
     "docs/howto/moving_obstacles.md": {
         "mesh(8, 8)": "mesh(4, 4)",
         "[0.5, 1.0, 1.25, 1.5, 1.75, 2.0]": "[0.5, 1.0, 2.0]",

@@ -6,10 +6,10 @@ from ngepc.studies import bounds
 
 TARGETS = {
     ("lshape", "adaptive"): 4e-3,
-    ("wrench", "adaptive"): 4e-4,
+    ("wrench", "adaptive"): 6e-4,
     ("sphere", "adaptive"): 0.2,
-    ("lshape", "order 2 adaptive"): 4e-4,
-    ("wrench", "order 2 adaptive"): 4e-5,
+    ("lshape", "order 2 adaptive"): 1e-3,
+    ("wrench", "order 2 adaptive"): 6e-5,
 }
 
 

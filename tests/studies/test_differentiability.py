@@ -133,7 +133,7 @@ def test_illegal_levels_are_refused(levels):
 
 @pytest.mark.parametrize(
     "words",
-    [["differentiability", "--levels", "2"], ["without_tichonov", "--nodes", "113"]],
+    [["differentiability", "--levels", "2"], ["without_tichonov", "--nodes", "65"]],
 )
 def test_studies_write_their_tables(words, tmp_path):
     assert main(["study", *words, "--out", str(tmp_path)]) == 0
