@@ -111,7 +111,9 @@ def test_friction_costs_little_more_than_contact(solver):
     options = NewtonOptions(inverse=solver())
     smooth = indented_block(2)
     counts = [
-        sum(semismooth_newton(body, options=options).history.column("linear_iterations"))
+        sum(
+            semismooth_newton(body, options=options).history.column("linear_iterations")
+        )
         for body in (smooth, replace(smooth, friction=5.0))
     ]
     assert counts[1] <= 4 * counts[0]

@@ -173,7 +173,9 @@ def execute():
 
     def run(notebook, folder):
         client.nb = notebook
-        fresh = new.new_code_cell(f"%cd -q {folder}\n{QUICKLY_DRAWN}\n%reset -f\n{KEPT}")
+        fresh = new.new_code_cell(
+            f"%cd -q {folder}\n{QUICKLY_DRAWN}\n%reset -f\n{KEPT}"
+        )
         notebook.cells.insert(0, fresh)
         client.execute(cleanup_kc=False, env=ENVIRONMENT)
         return notebook
