@@ -201,10 +201,10 @@ def test_the_pressure_is_zero_where_the_body_is_far_from_the_obstacle():
 @pytest.mark.parametrize(
     ("body", "nodes", "order", "most"),
     [
-        ("lshape", 1601, 1, 1.15),
-        ("wrench", 1641, 1, 1.15),
-        ("lshape", 1601, 2, 1.15),
-        ("wrench", 1641, 2, 1.15),
+        ("lshape", 833, 1, 1.15),
+        ("wrench", 873, 1, 1.15),
+        ("lshape", 833, 2, 1.15),
+        ("wrench", 873, 2, 1.15),
     ],
 )
 def test_bounds_are_sharp_on_uniform_meshes(body, nodes, order, most):

@@ -52,11 +52,11 @@ def curved_ring():
 
 
 BODIES = {
-    "Example (a)": lambda: lshape_problem(lshape.paper_mesh(417)),
+    "Example (a)": lambda: lshape_problem(lshape.paper_mesh(225)),
     "Example (a), plane strain": lambda: replace(
-        lshape_problem(lshape.paper_mesh(417)), kinematics="plane strain"
+        lshape_problem(lshape.paper_mesh(225)), kinematics="plane strain"
     ),
-    "Example (b)": lambda: wrench_problem(wrench.paper_mesh(873)),
+    "Example (b)": lambda: wrench_problem(wrench.paper_mesh(245)),
     "triangles": lambda: square("plane strain", simplices=True),
     "quadrilaterals": lambda: square("plane strain", simplices=False),
     "triangles, axisymmetric": lambda: square("axisymmetric", simplices=True),
