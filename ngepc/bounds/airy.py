@@ -94,6 +94,18 @@ for _k, (_i, _j) in enumerate(PAIRS):
         EDGE_ROWS[_k, 3 * _v + 1 : 3 * _v + 3] = -0.75 * LEGS[_k]
 
 
+def of_bends() -> np.ndarray:
+    """The table (54, 27) of the blocks of R' M + M' R for R = ``EDGE_ROWS`` and M' (9, 3)."""
+    unit = np.eye(27).reshape(9, 3, 27)
+    product = np.einsum("ka,bkm->abm", EDGE_ROWS, unit)
+    both = (product + product.swapaxes(0, 1)).reshape(3, 3, 3, 3, 27)
+    a, b = BLOCKS
+    return both[a, :, b].transpose(1, 2, 0, 3).reshape(54, 27)
+
+
+OF_BENDS = of_bends()
+
+
 def turn(x: np.ndarray, y: np.ndarray, J: np.ndarray) -> None:
     """Replace vectors with the components x and y (..., nt) by J (2, 2, nt) times these."""
     first = J[0, 0] * x
@@ -136,7 +148,7 @@ class AirySpace:
     def __init__(self, boundary: Boundary, degree: int, piola: np.ndarray) -> None:
         self._boundary = boundary
         self.rule = RULES[degree]
-        self._piola = piola.transpose(1, 2, 0).copy()
+        self._piola = piola.transpose(1, 2, 0)
         c = self._cells = boundary.cells
         self.det = c.det
         self.area = c.volume
@@ -261,19 +273,22 @@ class AirySpace:
         """
         c = self._cells
         J = c.jacobian.transpose(2, 1, 0).copy()
-        directions = np.einsum("ki,ijt->kjt", NORMALS, J)
-        tangents = np.einsum("ki,ijt->kjt", LEGS, J)  # images of the normals
+        directions, tangents = (
+            (vectors @ J.reshape(2, -1)).reshape(3, 2, -1)
+            for vectors in (NORMALS, LEGS)
+        )
         normal = c.normal.T[:, c.facet_of.T]
         across = np.einsum("kjt,jkt->kt", directions, normal)
         size = np.einsum("kjt,kjt->kt", tangents, tangents)
         self._J = J
         self._across = across
         self._along = np.einsum("kjt,kjt->kt", directions, tangents) / size
-        d = self._directions.T[:, c.facet_of.T]
-        over = np.einsum("jkt,jkt->kt", d, normal)
-        beside = np.einsum("jkt,kjt->kt", d, tangents) / size
+        edge, cell = np.nonzero(self._directions.any(axis=1)[c.facet_of.T])
+        d = self._directions[c.facet_of[cell, edge]]
+        over = np.einsum("rj,jr->r", d, normal[:, edge, cell])
+        beside = np.einsum("rj,rj->r", d, tangents[edge, :, cell]) / size[edge, cell]
         slope = np.where(np.abs(over) > LEVEL, beside / np.where(over, over, 1.0), 0.0)
-        self._along -= across * slope
+        self._along[edge, cell] -= across[edge, cell] * slope
         self._even = self._along
         self._odd = np.where(c.place[:, :, 0].T == 0, across, -across)
 
@@ -319,12 +334,8 @@ class AirySpace:
         rest = rest.reshape(n - 9, n - 9, nt)
         bent = EDGE_ROWS.T @ (self._along[:, None] * rest[:3]).reshape(3, -1)
         bent = bent.reshape(cross.shape)
-        both = (cross[:, :3] + bent[:, :3] / 2) * self._along
-        both = EDGE_ROWS.T @ both.swapaxes(0, 1).reshape(3, -1)
-        both = both.reshape(3, 3, 3, 3, nt)
-        for pair, (a, b) in enumerate(zip(*BLOCKS, strict=True)):
-            corners[:, :, pair] += both[a, :, b]
-            corners[:, :, pair] += both[b, :, a].swapaxes(0, 1)
+        half = (cross[:, :3] + bent[:, :3] / 2) * self._along
+        corners += (OF_BENDS @ half.reshape(27, -1)).reshape(corners.shape)
         back = self._J.swapaxes(0, 1)
         turn(corners[1], corners[2], back)
         turn(corners[:, 1], corners[:, 2], back)
@@ -358,15 +369,25 @@ class AirySpace:
 
     def stress(self, x: np.ndarray) -> np.ndarray:
         """In-plane stress coordinates at the points, (nt, points, 3), of all unknowns x."""
-        points = len(self.rule.weights)
-        result = by_cells(len(self.det), points, 3)
+        result = by_cells(len(self.det), len(self.rule.weights), 3)
+        for cells, stress in self._stresses(x):
+            result[cells] = stress
+        return result
+
+    def add_stress(self, x: np.ndarray, z: np.ndarray) -> None:
+        """Add this stress to stresses z in place, without new memory for all triangles."""
+        for cells, stress in self._stresses(x):
+            z[cells] += stress
+
+    def _stresses(self, x: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
+        """The stress on some triangles after the others, and which these are."""
         x = self.frames.out_of(x)
-        for cells in portions(len(result)):
+        for cells in portions(len(self.det)):
             part = self.of(cells)
             reference = self.rule.rows @ part._on_reference(x[part.unknowns] / part.det)
-            reference = reference.reshape(points, 3, -1)
-            np.einsum("qbt,bct->tqc", reference, part._piola, out=result[cells])
-        return result
+            reference = reference.reshape(len(self.rule.weights), 3, -1)
+            stress = np.einsum("qbt,bct->qct", reference, part._piola)
+            yield cells, np.moveaxis(stress, 2, 0)
 
     def at_nodes(self, z: np.ndarray) -> np.ndarray:
         """Values at the nodes of the parts from values (nt, points, c) at the points."""

@@ -131,6 +131,12 @@ class Conjugate:
         d[..., 2] = z[..., 2]
         return z[..., 0] - zeta / R6, d
 
+    def yields(self, z: np.ndarray) -> np.ndarray:
+        """Whether one of the stresses z (cells, points, c) of each cell yields, as booleans."""
+        s = self.shifted(self.mean_and_deviator(z)[1])
+        square = np.einsum("tqd,tqd->tq", s, s)
+        return (square > self.beta[:, None] ** 2).any(axis=1)
+
     def _zeta(self, z: np.ndarray) -> np.ndarray:
         """The zeta that nearly minimises phi* - zeta offset, (cells, points)."""
         stiff = 1 / (6 * self.bulk) + 1 / self.two_mu

@@ -168,7 +168,7 @@ class BoundData:
             moments = moments.reshape(-1, moments.shape[2])
             data = np.concatenate([moments, self.carried.inner[cells].T])
             reference = (table @ data).reshape(-1, components, moments.shape[1])
-            piola = self.piola[cells].transpose(1, 2, 0).copy()
+            piola = self.piola[cells].transpose(1, 2, 0)
             np.einsum("pbt,bct->tpc", reference, piola, out=stress[cells])
         return stress
 

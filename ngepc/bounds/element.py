@@ -24,7 +24,8 @@ import numpy as np
 from scipy.special import perm
 
 from ngepc.bounds.oscillation import rotating_loads
-from ngepc.bounds.simplices import FACETS, Simplices
+from ngepc.bounds.polynomials import portions
+from ngepc.bounds.simplices import FACETS, Simplices, by_cells
 from ngepc.model.kinematics import SOLID, TWO_DIMENSIONAL
 
 PAIRS = FACETS[2]
@@ -53,6 +54,9 @@ class Element:
         self.components = np.array([np.sign(E + E.T) for E in outer])
         self.basis = basis
         self.coordinates = np.concatenate([unit[None] / N, basis])
+        # coordinates of J E J' for components E, from the products of two entries of J
+        images = np.einsum("dil,cjk->cdijlk", self.coordinates, self.components)
+        self._images = images.reshape(len(pairs[N]) ** 2, -1)
         self.corners = np.vstack([np.zeros(N), unit, np.full(N, 1 / (N + 1))])
         self.parts = [(*facet, N + 1) for facet in FACETS[N]]
         places = np.insert(self.corners[np.array(self.parts)], 0, 1.0, axis=2)
@@ -112,11 +116,14 @@ class Element:
 
     def piola(self, cells: Simplices) -> np.ndarray:
         """Coordinates from components of reference stresses, to the right of them, (nt, c, c)."""
-        J = cells.jacobian
         c = len(self.components)
-        images = np.einsum("tij,cjk,tlk->tcil", J, self.components, J, optimize=True)
-        flat = images.reshape(-1, self.N**2) @ self.coordinates.reshape(c, -1).T
-        return flat.reshape(-1, c, c) / cells.det[:, None, None]
+        result = by_cells(len(cells.det), c, c)
+        for part in portions(len(result)):
+            J = cells.jacobian[part].reshape(-1, self.N**2).T
+            products = (J[:, None] * J).reshape(self.N**4, -1)
+            found = self._images @ products / cells.det[part]
+            result[part] = np.moveaxis(found.reshape(c, c, -1), 2, 0)
+        return result
 
     def tensors(self, z: np.ndarray) -> np.ndarray:
         """The matrices (..., N, N) of stress coordinates (..., c)."""

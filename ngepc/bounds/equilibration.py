@@ -14,11 +14,11 @@ of slanted facets, where only the parts of moments along one direction are free.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.simplices import FACETS
+from ngepc.bounds.simplices import FACETS, stable_order
 
 BALANCED = 1e-8  # tolerance of equilibrium relative to the largest corner force
 ROUNDING = 1e-13
@@ -29,21 +29,35 @@ ENCODED = 8
 """Largest number of corners at a vertex whose Laplacian is encoded in one exact number."""
 
 
+AT_VERTEX = {
+    N: np.array(
+        [
+            [(k, facet.index(i)) for k, facet in enumerate(facets) if i in facet]
+            for i in range(N + 1)
+        ]
+    ).transpose(2, 0, 1)
+    for N, facets in FACETS.items()
+}
+"""The facets at each vertex of a cell, and its place among their vertices, (N + 1, N)."""
+
+
 def laplacian_inverses(blocks: np.ndarray) -> np.ndarray:
-    """The inverses (n, k^2) of graph Laplacians (n, k, k), for k up to 8 each different one once.
+    """The inverses (k, k, n) of graph Laplacians (k, k, n), for k up to 8 each different one once.
 
     Off the diagonal there are zeros and minus ones, on it at most three.
     """
-    n, k, _ = blocks.shape
-    if k > ENCODED:
-        return np.linalg.inv(blocks).reshape(n, -1)
-    digits = np.zeros((k, k))
-    below = np.tril_indices(k, -1)
-    digits[below] = -(2.0 ** np.arange(len(below[0])))
-    digits[np.diag_indices(k)] = 2.0 ** len(below[0]) * 4.0 ** np.arange(k)
-    numbers = blocks.reshape(n, -1) @ digits.ravel()
-    _, first, same = np.unique(numbers, return_index=True, return_inverse=True)
-    return np.linalg.inv(blocks[first]).reshape(len(first), -1)[same]
+    k, _, n = blocks.shape
+    same: np.ndarray | slice = slice(None)
+    first = same
+    if k <= ENCODED:
+        digits = np.zeros((k, k))
+        below = np.tril_indices(k, -1)
+        digits[below] = -(2.0 ** np.arange(len(below[0])))
+        digits[np.diag_indices(k)] = 2.0 ** len(below[0]) * 4.0 ** np.arange(k)
+        numbers = digits.ravel() @ blocks.reshape(-1, n)
+        _, first, same = np.unique(numbers, return_index=True, return_inverse=True)
+    inverses = np.linalg.inv(np.moveaxis(blocks[..., first], 2, 0))
+    return inverses.reshape(-1, k * k).T.copy()[:, same].reshape(k, k, n)
 
 
 class Patches:
@@ -58,29 +72,26 @@ class Patches:
         self.smallest = smallest
         c = self.cells = boundary.cells
         N = c.N
-        moment = c.slot.ravel()
-        signs = np.repeat(c.sign.ravel(), c.N)
-        self._order = np.argsort(c.nodes.ravel(), kind="stable")
-        number = np.empty_like(self._order)
-        number[self._order] = np.arange(len(number))
-        corner = number.reshape(c.nodes.shape)[:, np.array(FACETS[N])].ravel()
-        self._jump = csr_matrix((signs, (moment, corner)), (c.facets.size, len(number)))
-        self._sum = self._jump.T.tocsr()
+        self._order = stable_order(c.nodes.ravel())
+        vertex = c.nodes.ravel()[self._order]
+        begins = np.diff(vertex, prepend=-1) > 0
+        self._first = np.flatnonzero(begins)
+        self._vertex = np.cumsum(begins) - 1
+        facets, places = AT_VERTEX[N]
+        moments = c.slot[:, facets, places].reshape(-1, N)[self._order]
+        signs = c.sign[:, facets].reshape(-1, N)[self._order]
+        count = len(vertex)
+        rows = signs.ravel(), moments.ravel(), N * np.arange(count + 1)
+        self._sum = csr_matrix(rows, (count, c.facets.size))
+        self._jump = self._sum.T
         sides = np.full((2, c.facets.size), -1)
-        sides[np.where(signs > 0, 0, 1), moment] = corner
+        sides[np.where(signs > 0, 0, 1), moments] = np.arange(count)[:, None]
         outer = np.repeat(c.outer, N)
         self._outside = np.where(outer, sides[0], -1)
         self._pairs = sides[:, ~outer]
-        vertex = c.nodes.ravel()[self._order]
-        self._first = np.flatnonzero(np.diff(vertex, prepend=-1))
-        graph = csr_matrix(
-            (np.ones(self._pairs.shape[1]), self._pairs), 2 * (len(number),)
-        )
-        if connected_components(graph, directed=False)[0] > len(self._first):
-            by = {2: "edges", 3: "faces"}[N]
-            raise ValueError(f"mesh: bounds need elements that are connected by {by}")
+        self._check_joined(vertex)
         self._free = np.repeat(~boundary.given, N, axis=0).astype(float)
-        self._inverses: list[csr_matrix] = []
+        self._inverses: list[list[tuple[np.ndarray, np.ndarray]]] = []
         for k, free in enumerate(self._free.T):
             same = [j for j in range(k) if (self._free[:, j] == free).all()]
             self._inverses.append(
@@ -89,6 +100,24 @@ class Patches:
         self._slanted = (
             SlantedPatches(self, boundary) if len(boundary.slanted) else None
         )
+
+    def _check_joined(self, vertex: np.ndarray) -> None:
+        """Refuse vertices with several parts; ``vertex`` (corners,) are those of the corners.
+
+        They lie on the boundary: cells that surround a vertex hang together.
+        """
+        c = self.cells
+        there = np.zeros(len(c.points), dtype=bool)
+        there[c.facets[c.outer]] = True
+        corners = there[vertex]
+        number = np.cumsum(corners) - 1
+        pairs = number[self._pairs[:, corners[self._pairs[0]]]]
+        count = np.count_nonzero(corners)
+        graph = csr_matrix((np.ones(pairs.shape[1]), pairs), 2 * (count,))
+        parts = connected_components(graph, directed=False)[0]
+        if parts > len(np.unique(vertex[corners])):
+            by = {2: "edges", 3: "faces"}[c.N]
+            raise ValueError(f"mesh: bounds need elements that are connected by {by}")
 
     def corners_of(self, vertices: np.ndarray) -> list[np.ndarray]:
         """The numbers of the corners at each of some vertices of the mesh."""
@@ -103,29 +132,39 @@ class Patches:
         moments = np.flatnonzero(part.any(axis=0))
         return moments, part[:, moments].T
 
-    def _inverse(self, free: np.ndarray) -> csr_matrix:
-        """The inverse Laplacians; if no outer moment is free at a vertex, one corner is held."""
-        size = np.diff(self._first, append=len(self._order))
-        first = np.repeat(self._first, size)
-        width = np.repeat(size, size)
-        rows = np.append(0, np.cumsum(width))
-        place = np.arange(len(width)) - first
+    def _inverse(self, free: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each number k of corners: those of the vertices with so many, and the inverses.
+
+        The former have the shape (k, n), the inverse Laplacians (k, k, n).  If no outer moment is
+        free at a vertex, one corner is held.
+        """
         outside = self._outside[free & (self._outside >= 0)]
-        degree = np.bincount(
-            np.append(self._pairs.ravel(), outside), minlength=len(width)
-        )
-        opened = np.zeros(len(width), dtype=bool)
-        opened[first[outside]] = True
-        degree[self._first[~opened[self._first]]] += 1
-        a, b = self._pairs
-        entries = np.zeros(rows[-1])
-        entries[rows[:-1] + place] = degree
-        entries[rows[a] + place[b]] = entries[rows[b] + place[a]] = -1.0
+        ends = np.append(self._pairs.ravel(), outside)
+        degree = np.bincount(ends, minlength=len(self._order))
+        closed = np.ones(len(self._first), dtype=bool)
+        closed[self._vertex[outside]] = False
+        degree[self._first[closed]] += 1
+        place = np.arange(len(self._order)) - self._first[self._vertex]
+        size = np.diff(self._first, append=len(self._order))
+        result = []
         for k in np.unique(size):
-            block = rows[self._first[size == k]][:, None] + np.arange(k * k)
-            entries[block] = laplacian_inverses(entries[block].reshape(-1, k, k))
-        columns = np.arange(rows[-1]) - np.repeat(rows[:-1] - first, width)
-        return csr_matrix((entries, columns, rows), 2 * (len(width),))
+            alike = size == k
+            corners = self._first[alike] + np.arange(k)[:, None]
+            a, b = self._pairs[:, alike[self._vertex[self._pairs[0]]]]
+            number = (np.cumsum(alike) - 1)[self._vertex[a]]
+            blocks = np.zeros((k, *corners.shape))
+            blocks[np.diag_indices(k)] = degree[corners]
+            blocks[place[a], place[b], number] = -1.0
+            blocks[place[b], place[a], number] = -1.0
+            result.append((corners, laplacian_inverses(blocks)))
+        return result
+
+    def _answers(self, component: int, missing: np.ndarray) -> np.ndarray:
+        """The inverse Laplacians of a component times what is missing at the corners."""
+        result = np.empty_like(missing)
+        for corners, inverse in self._inverses[component]:
+            result[corners] = np.einsum("ijn,jn->in", inverse, missing[corners])
+        return result
 
     def free_parts(self) -> np.ndarray:
         """Projections (moments, N, N) on the components of moments that are free."""
@@ -135,7 +174,10 @@ class Patches:
         """Leave out some corners when components are solved for one by one."""
         keep = np.ones(self._jump.shape[1])
         keep[corners] = 0.0
-        self._inverses = [diags(keep) @ inverse for inverse in self._inverses]
+        self._inverses = [
+            [(own, keep[own][:, None] * inverse) for own, inverse in groups]
+            for groups in self._inverses
+        ]
 
     def repaired(
         self, wished: np.ndarray, needed: np.ndarray, given: np.ndarray
@@ -156,8 +198,9 @@ class Patches:
         size = max(np.abs(needed).max(), np.abs(mu).max(), self.smallest)
         missing = needed - self._sum @ mu
         for _ in range(PASSES):
-            for k, inverse in enumerate(self._inverses):
-                mu[:, k] += self._free[:, k] * (self._jump @ (inverse @ missing[:, k]))
+            for k in range(N):
+                change = self._jump @ self._answers(k, missing[:, k])
+                mu[:, k] += self._free[:, k] * change
             if self._slanted is not None:
                 mu += self._slanted.changes(missing)
             missing = needed - self._sum @ mu

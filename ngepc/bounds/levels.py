@@ -14,8 +14,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from ngepc.bounds.airy import AirySpace, Blocks
-from ngepc.bounds.simplices import Simplices, marked
-from ngepc.bounds.vertex_matrix import VertexGraph, VertexSums
+from ngepc.bounds.simplices import Simplices, marked, stable_order
+from ngepc.bounds.vertex_matrix import VertexGraph, VertexMatrix
 from ngepc.linalg.descent import Linear, conjugate_gradients
 
 EDGE_STEPS = 3  # steps of Chebyshev's iteration for the unknowns of edges
@@ -39,35 +39,41 @@ stress.
 
 
 class ElementRows:
-    """Sparse matrices from the rows of element matrices, for unknowns with ``numbers`` (m, nt).
+    """The rows of element matrices in sparse matrices, for unknowns with ``numbers`` (m, nt).
 
     What several elements enter in one place stands there several times: sorting it would take
-    longer than all products.  Their columns have the numbers ``columns`` (k, nt), of ``width``.
+    longer than all products.
     """
 
-    def __init__(self, numbers: np.ndarray, columns: np.ndarray, width: int) -> None:
-        k, count = columns.shape
-        order = np.argsort(numbers.ravel(), kind="stable")
-        times = np.bincount(numbers.ravel())
-        self._shape = len(times), width
-        self._starts = k * np.append(0, np.cumsum(times))
-        self._columns = columns.T.astype(np.int32)[order % count].ravel()
-        self._rows = np.empty_like(order)
-        self._rows[order] = np.arange(len(order))
-        self._rows = self._rows.reshape(numbers.shape)
+    def __init__(self, numbers: np.ndarray) -> None:
+        self._order = stable_order(numbers.ravel())
+        self.rows = np.empty(numbers.shape, dtype=int)
+        self.rows.flat[self._order] = np.arange(numbers.size)
+        self.starts = np.append(0, np.cumsum(np.bincount(numbers.ravel())))
 
-    def entries(self) -> np.ndarray:
-        """A new array for the entries of a matrix, (rows of elements, k)."""
-        return np.empty((self._rows.size, len(self._columns) // self._rows.size))
+    def columns(self, columns: np.ndarray) -> np.ndarray:
+        """The columns of all rows, (m nt, k), from those of the elements (k, nt)."""
+        return columns.T.astype(np.int32)[self._order % columns.shape[1]]
 
-    def enter(self, entries: np.ndarray, cells: slice, values: np.ndarray) -> None:
+
+class ElementSum:
+    """A sparse matrix of ``width`` columns from element matrices with ``rows`` and ``columns``."""
+
+    def __init__(self, rows: ElementRows, columns: np.ndarray, width: int) -> None:
+        self._rows = rows
+        self._columns = columns
+        self._width = width
+        self._entries = np.empty(columns.shape)
+
+    def enter(self, cells: slice, values: np.ndarray) -> None:
         """Enter the matrices (m, k, n) of some elements."""
-        entries[self._rows[:, cells]] = values.transpose(0, 2, 1)
+        self._entries[self._rows.rows[:, cells]] = values.transpose(0, 2, 1)
 
-    def matrix(self, entries: np.ndarray) -> csr_matrix:
+    def matrix(self) -> csr_matrix:
         """The sum of the matrices that were entered."""
-        data = entries.ravel(), self._columns, self._starts
-        return csr_matrix(data, shape=self._shape)
+        starts = self._columns.shape[1] * self._rows.starts
+        parts = self._entries.ravel(), self._columns.ravel(), starts
+        return csr_matrix(parts, shape=(len(starts) - 1, self._width))
 
 
 class TwoLevels:
@@ -81,11 +87,10 @@ class TwoLevels:
         self._cells = cells
         self._count = space.vertices
         edges = space.unknowns[9:] - self._count
-        width = len(space.free) - self._count
         self._edges = edges
         self._graph = VertexGraph(space.unknowns[:9:3] // 3, edges[:3])
-        self._beside = ElementRows(edges, space.unknowns[:9], self._count)
-        self._among = ElementRows(edges, edges, width)
+        self._rows = ElementRows(edges)
+        self._corners = self._rows.columns(space.unknowns[:9])
         self._free = space.free[: self._count].reshape(-1, 3)
 
     def another(self) -> TwoLevels:
@@ -99,16 +104,15 @@ class TwoLevels:
         unknowns, held ones too.  The solver for them is ``focused``.
         """
         self._forces = forces
-        sums = VertexSums(self._graph)
-        beside = self._beside.entries()
+        self._vertices = VertexMatrix(self._graph)
+        beside = ElementSum(self._rows, self._corners, self._count)
         m, count = self._edges.shape
         among = np.empty((m, m, count))
         for cells, corners, cross, rest in blocks:
-            sums.enter(cells, corners)
-            self._beside.enter(beside, cells, cross.swapaxes(0, 1))
+            self._vertices.add(cells, corners)
+            beside.enter(cells, cross.swapaxes(0, 1))
             among[..., cells] = rest
-        self._vertices = sums.matrix()
-        self._on_edges = self._beside.matrix(beside)
+        self._on_edges = beside.matrix()
         self._on_vertices = self._on_edges.T
         self._take_edges(among)
         self._whole: TwoLevels | None = None
@@ -189,11 +193,11 @@ class TwoLevels:
         self._unscale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
         self._scale = free / self._unscale
         scale = self._scale[edges]
-        scaled = K * scale
-        scaled *= scale[:, None]
-        entries = self._among.entries()
-        self._among.enter(entries, slice(None), scaled)
-        self._edge_matrix = self._among.matrix(entries).copy()
+        K *= scale
+        K *= scale[:, None]
+        among = ElementSum(self._rows, self._rows.columns(edges), len(free))
+        among.enter(slice(None), K)
+        self._edge_matrix = among.matrix()
         self._edge_matrix.sum_duplicates()
         self._largest = abs(self._edge_matrix).sum(axis=1).max()
 

@@ -134,20 +134,22 @@ class SecondOrderModel:
         self.compliance = functional.conjugate.compliance(at)
         self._yields = (at.over > 0).any(axis=1)
 
-    def of(self, chosen: slice) -> SecondOrderModel:
+    def of(self, chosen: np.ndarray | slice) -> SecondOrderModel:
         """The expansion on some of the triangles."""
         result = sliced(self, chosen, OF_MODEL)
         result.space = self.space.of(chosen)
         return result
 
-    def gradient(self, z: np.ndarray) -> np.ndarray:
-        """The derivative, a strain, at stresses; both (nt, points, 3)."""
-        return strain_of(self.compliance, z - self.centre) + self._gradient
+    def at(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals over the triangles by the rule, and the derivative, a strain, (nt, points, 3).
 
-    def values(self, z: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-        """Integrals over the triangles for stresses with this gradient, by the rule."""
-        work = np.einsum("tqc,tqc->tq", z - self.centre, gradient + self._gradient)
-        return self._values + self.space.area * (work @ self.space.rule.weights) / 2
+        ``z`` (nt, points, 3) are the stresses.
+        """
+        change = z - self.centre
+        gradient = strain_of(self.compliance, change) + self._gradient
+        work = np.einsum("tqc,tqc->tq", change, gradient + self._gradient)
+        values = self._values + self.space.area * (work @ self.space.rule.weights) / 2
+        return values, gradient
 
     def linearised(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Integrals over the triangles for stresses, and minus the derivative by the unknowns."""
@@ -155,37 +157,24 @@ class SecondOrderModel:
         forces = np.empty(self.space.unknowns.shape)
         for cells in portions(len(z)):
             part = self.of(cells)
-            slope = part.gradient(z[cells])
-            values[cells] = part.values(z[cells], slope)
+            values[cells], slope = part.at(z[cells])
             forces[:, cells] = part.space.forces(slope)
         return values, -self.space.gathered(forces)
 
     def remainder(self, functional: StressFunctional, z: np.ndarray) -> np.ndarray:
         """The functional less its expansion on each triangle: zero where no point yields."""
         result = np.zeros(len(z))
+        yields = self._yields.copy()
         for cells in portions(len(z)):
-            at = functional.conjugate.of(cells).completed(z[cells])
-            there = np.flatnonzero(self._yields[cells] | (at.over > 0).any(axis=1))
-            if 2 * len(there) >= len(at.mean):
-                result[cells] = self._missed(functional, z, cells, at)
-            elif len(there):
-                some = at._make(of_cells(values, there) for values in at)
-                there += cells.start
-                result[there] = self._missed(functional, z, there, some)
+            yields[cells] |= functional.conjugate.of(cells).yields(z[cells])
+        there = np.flatnonzero(yields)
+        for some in portions(len(there)):
+            cells = there[some]
+            part = functional.of(cells)
+            trial = of_cells(z, cells)
+            exact = part.values(trial, part.conjugate.completed(trial))
+            result[cells] = exact - self.of(cells).at(trial)[0]
         return result
-
-    def _missed(
-        self,
-        functional: StressFunctional,
-        z: np.ndarray,
-        cells: np.ndarray | slice,
-        at: Completed,
-    ) -> np.ndarray:
-        """The same on some of the triangles, where the stress is ``at``."""
-        part = self.of(cells)
-        trial = of_cells(z, cells)
-        quadratic = part.values(trial, part.gradient(trial))
-        return functional.of(cells).values(trial, at) - quadratic
 
     def forces(self, x: np.ndarray) -> np.ndarray:
         """The stiffness times all unknowns x, held ones too."""
@@ -229,9 +218,10 @@ def tightened(
             bound = float((rest + values).sum())
         solver = system.focused(rest + values if step == 0 else None)
         x, promised = solver.solve(right, bound, gain, effort.steps)
-        change = part.space.stress(x)
-        before = of_cells(z, there)
-        z[there] = before + change if step == 0 else descended(part, before, change)
+        if step == 0:
+            part.space.add_stress(x, z)
+        else:
+            z[there] = descended(part, of_cells(z, there), part.space.stress(x))
         if step == effort.newton:
             break
         remainder = model.remainder(part, of_cells(z, there))
@@ -365,7 +355,8 @@ class PlaneBoundData(BoundData):
         system = search.system.focused(missed, ADJOINT_SHARE)
         bound = float(missed.sum() + self.foundation.gaps(z, w).sum())
         x, left = system.solve(right, bound, ADJOINT_GAIN, MOST_STEPS)
-        return AdjointStress(self.space.at_nodes(tau + self.space.stress(x)), w, left)
+        self.space.add_stress(x, tau)
+        return AdjointStress(self.space.at_nodes(tau), w, left)
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).

@@ -56,7 +56,9 @@ class Simplices:
         first = -self.inverse.sum(axis=1, keepdims=True)
         self.gradients = np.concatenate([first, self.inverse], axis=1)
         vertices = self.nodes[:, FACETS[self.N]]
-        self.place = (vertices[..., None] > vertices[..., None, :]).sum(axis=3)
+        self.place = np.zeros(vertices.shape, dtype=int)
+        for other in range(self.N):
+            self.place += vertices > vertices[..., other, None]
         ascending = sorted_rows(vertices.reshape(-1, self.N))
         keys = self.key(ascending)
         self._keys, self._first, numbers = np.unique(
@@ -131,6 +133,12 @@ def sorted_rows(numbers: np.ndarray) -> np.ndarray:
         return np.sort(numbers, axis=1)
     first, second = numbers.T
     return np.column_stack([np.minimum(first, second), np.maximum(first, second)])
+
+
+def stable_order(numbers: np.ndarray) -> np.ndarray:
+    """The stable ``argsort`` of nonnegative integers (n,), by sorting numbers that all differ."""
+    places = np.arange(len(numbers))
+    return np.sort(numbers * len(numbers) + places) % max(len(numbers), 1)
 
 
 def marked(indicators: np.ndarray, share: float) -> np.ndarray:

@@ -142,7 +142,7 @@ class Faces:
 
     def _compliances(self, H: np.ndarray, part: slice) -> np.ndarray:
         """The compliance matrices of some elements on the reference cell, (nt, 36, 36)."""
-        P = self._piola[part]
+        P = np.ascontiguousarray(self._piola[part])
         product = np.matmul(np.matmul(P, H[part]), P.transpose(0, 2, 1))
         unit = self.stress / self.length
         product = (product * self.cells.volume[part, None, None] * unit).astype(SINGLE)

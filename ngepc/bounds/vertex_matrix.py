@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from ngsolve import BaseMatrix
-from scipy.sparse import bsr_matrix
+from scipy.sparse import csr_matrix
 
 from ngepc.bounds.element import PAIRS
 from ngepc.linalg.direct import from_entries
@@ -33,75 +33,77 @@ class VertexGraph:
         self.ends = np.empty((int(edges.max()) + 1, 2), dtype=np.int32)
         self.ends[edges, 0] = np.minimum(first, second)
         self.ends[edges, 1] = np.maximum(first, second)
+        size = np.bincount(self.ends[:, 0], minlength=self.count)
+        before = np.cumsum(size) - size
+        row = self.ends[:, 0]
+        number = np.arange(len(self.ends))
+        self._places = 9 * before[row] + 3 * (number - before[row])
+        self._width = 3 * size[row]
+        self.starts = np.append(0, np.cumsum(np.repeat(3 * size, 3)))
 
+    def rows(self, edges: np.ndarray) -> list[np.ndarray]:
+        """Where the three rows of the blocks of some edges begin.
 
-class VertexSums:
-    """Collects the blocks of triangles, some triangles after the others, and adds them up.
+        Numbers stand row by row in an array of all entries above the diagonal.
+        """
+        first = self._places[edges]
+        width = self._width[edges]
+        return [first, first + width, first + 2 * width]
 
-    One array for each entry of a block: large ones would be new memory on each mesh.
-    """
+    def places(self, edges: np.ndarray) -> np.ndarray:
+        """Where all numbers of these blocks are, (3, 3, edges)."""
+        return np.stack(self.rows(edges))[:, None] + np.arange(3)[:, None]
 
-    def __init__(self, graph: VertexGraph) -> None:
-        self._graph = graph
-        shape = graph.vertices.shape
-        self._own = [[np.empty(shape) for _ in range(i + 1)] for i in range(3)]
-        self._between = [[np.empty(shape) for _ in range(3)] for _ in range(3)]
-
-    def enter(self, cells: slice, corners: np.ndarray) -> None:
-        """Take the blocks ``corners`` (3, 3, 6, n) of the pairs ``BLOCKS`` of some triangles."""
-        own = corners[:, :, :3]
-        between = corners[:, :, 3:]
-        turned = self._graph.turned[:, cells]
-        for i, j in np.ndindex(3, 3):
-            values = np.where(turned, between[j, i], between[i, j])
-            self._between[i][j][:, cells] = values
-            if j <= i:
-                self._own[i][j][:, cells] = own[i, j]
-
-    def matrix(self) -> VertexMatrix:
-        """The sums."""
-        graph = self._graph
-        at = graph.vertices.ravel()
-        diagonal = np.empty((graph.count, 3, 3))
-        for i, row in enumerate(self._own):
-            for j, values in enumerate(row):
-                sums = np.bincount(at, values.ravel(), graph.count)
-                diagonal[:, i, j] = diagonal[:, j, i] = sums
-        at = graph.edges.ravel()
-        edges = np.empty((len(graph.ends), 3, 3))
-        for i, row in enumerate(self._between):
-            for j, values in enumerate(row):
-                edges[:, i, j] = np.bincount(at, values.ravel(), len(edges))
-        return VertexMatrix(diagonal, edges, graph.ends)
+    @property
+    def columns(self) -> np.ndarray:
+        """The columns of these entries."""
+        result = np.empty(9 * len(self.ends), dtype=np.int32)
+        every = np.arange(len(self.ends))
+        result[self.places(every)] = 3 * self.ends[:, 1] + np.arange(3)[:, None]
+        return result
 
 
 class VertexMatrix:
-    """The matrix with the blocks ``diagonal`` (nv, 3, 3) and ``edges`` (ne, 3, 3).
+    """The sum of blocks (3, 3) of the vertices and edges of a graph."""
 
-    Rows of the latter belong to the first of the ``ends`` (ne, 2) of each edge.
-    """
-
-    def __init__(
-        self, diagonal: np.ndarray, edges: np.ndarray, ends: np.ndarray
-    ) -> None:
-        self._diagonal = diagonal
-        self._edges = edges
-        self._ends = ends
-        starts = np.searchsorted(ends[:, 0], np.arange(len(diagonal) + 1))
-        size = diagonal[..., 0].size
-        above = bsr_matrix((edges, ends[:, 1], starts), shape=(size, size))
-        self._above = above.tocsr()
+    def __init__(self, graph: VertexGraph) -> None:
+        self._graph = graph
+        self._own = np.zeros((3, 3, graph.count))
+        data = np.zeros(9 * len(graph.ends))
+        shape = 2 * (3 * graph.count,)
+        self._above = csr_matrix((data, graph.columns, graph.starts), shape=shape)
         self._below = self._above.T
+
+    def add(self, cells: slice, corners: np.ndarray) -> None:
+        """Add the blocks ``corners`` (3, 3, 6, n) of the pairs ``BLOCKS`` of some triangles."""
+        graph = self._graph
+        vertices = graph.vertices[:, cells].ravel()
+        turned = graph.turned[:, cells]
+        rows = graph.rows(graph.edges[:, cells].ravel())
+        for i, j in np.ndindex(3, 3):
+            values = np.where(turned, corners[j, i, 3:], corners[i, j, 3:])
+            np.add.at(self._above.data[j:], rows[i], values.ravel())
+            if i <= j:
+                np.add.at(self._own[i, j], vertices, corners[i, j, :3].ravel())
+
+    def blocks(self, vertices: np.ndarray) -> np.ndarray:
+        """The blocks of some vertices on the diagonal, (3, 3, .)."""
+        upper = self._own[..., vertices]
+        return np.where(np.tri(3, dtype=bool)[..., None], upper.swapaxes(0, 1), upper)
 
     def product(self, x: np.ndarray) -> np.ndarray:
         """The matrix times x (3 nv,)."""
-        own = np.einsum("nij,nj->ni", self._diagonal, x.reshape(-1, 3))
-        return own.ravel() + self._above @ x + self._below @ x
+        each = x.reshape(-1, 3).T
+        own = [
+            sum(self._own[min(i, j), max(i, j)] * each[j] for j in range(3))
+            for i in range(3)
+        ]
+        return np.stack(own, axis=1).ravel() + self._above @ x + self._below @ x
 
     def inverse_blocks(self, vertices: np.ndarray, free: np.ndarray) -> np.ndarray:
         """Inverses (., 3, 3) of the blocks of some vertices, zero where not ``free`` (., 3)."""
         kept = free[:, :, None] & free[:, None]
-        blocks = np.where(kept, self._diagonal[vertices], 0.0)
+        blocks = np.where(kept, np.moveaxis(self.blocks(vertices), 2, 0), 0.0)
         held, component = np.nonzero(~free)
         blocks[held, component, component] = 1.0
         return np.where(kept, inverses(blocks), 0.0)
@@ -110,15 +112,13 @@ class VertexMatrix:
         """The inverse of the rows and columns of the chosen unknowns, (3 nv,) booleans."""
         there = chosen.reshape(-1, 3).any(axis=1)
         vertices = np.flatnonzero(there)
-        edges = np.flatnonzero(there[self._ends].all(axis=1))
-        first, second = self._ends[edges].T
-        blocks = np.concatenate(
-            [self._diagonal[vertices], self._edges[edges].swapaxes(1, 2)]
-        )
-        rows = np.concatenate([vertices, second])[:, None, None]
-        columns = np.concatenate([vertices, first])[:, None, None]
-        i = 3 * rows + np.arange(3)[:, None]
-        j = 3 * columns + np.arange(3)
+        first, second = self._graph.ends.T
+        edges = np.flatnonzero(there[first] & there[second])
+        above = self._above.data[self._graph.places(edges)]
+        below = above.swapaxes(0, 1)
+        blocks = np.concatenate([self.blocks(vertices), below], axis=2)
+        i = 3 * np.concatenate([vertices, second[edges]]) + np.arange(3)[:, None, None]
+        j = 3 * np.concatenate([vertices, first[edges]]) + np.arange(3)[:, None]
         kept = chosen[i] & chosen[j] & (i >= j)
         number = np.cumsum(chosen) - 1
         size = int(chosen.sum())

@@ -76,5 +76,6 @@ def test_inverse_laplacians_belong_to_their_own_graphs(corners):
         L += np.diag(-L.sum(axis=1))
         L[0, 0] += 1.0
         blocks.append(L)
-    found = laplacian_inverses(np.array(blocks)).reshape(-1, corners, corners)
-    np.testing.assert_allclose(found, np.linalg.inv(blocks), atol=1e-12)
+    found = laplacian_inverses(np.stack(blocks, axis=2))
+    wanted = np.moveaxis(np.linalg.inv(blocks), 0, 2)
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
