@@ -389,12 +389,13 @@ class AirySpace:
             stress = np.einsum("qbt,bct->qct", reference, part._piola)
             yield cells, np.moveaxis(stress, 2, 0)
 
-    def at_nodes(self, z: np.ndarray) -> np.ndarray:
-        """Values at the nodes of the parts from values (nt, points, c) at the points."""
+    def to_nodes(self, z: np.ndarray) -> None:
+        """Replace values (nt, points, c) at the points by those at the nodes of the parts."""
         k = len(self.rule.nodal)
-        parts = z.transpose(1, 2, 0).reshape(3, k, -1)
-        values = np.matmul(self.rule.nodal, parts).reshape(3 * k, -1, len(z))
-        return values.transpose(2, 0, 1)
+        for cells in portions(len(z)):
+            values = z[cells].transpose(1, 2, 0)
+            found = np.matmul(self.rule.nodal, values.reshape(3, k, -1))
+            z[cells] = np.moveaxis(found.reshape(values.shape), 2, 0)
 
     def forces(self, strain: np.ndarray) -> np.ndarray:
         """The transpose of ``stress`` with the weights of the points, by triangle, (n, nt)."""

@@ -313,8 +313,10 @@ class PlaneBoundData(BoundData):
         z, search = tightened(
             functional, system, self.cells, z, centre, rest, self.effort
         )
-        at_points = z if self.problem.order == 2 else z.mean(axis=1, keepdims=True)
-        return BestStress(self.space.at_nodes(z), at_points, P, search, sprung)
+        quadratic = self.problem.order == 2
+        at_points = z.copy() if quadratic else z.mean(axis=1, keepdims=True)
+        self.space.to_nodes(z)
+        return BestStress(z, at_points, P, search, sprung)
 
     def search(self, state: State) -> AirySearch:
         """The solver for Airy functions at the tangent of a state."""
@@ -356,7 +358,8 @@ class PlaneBoundData(BoundData):
         bound = float(missed.sum() + self.foundation.gaps(z, w).sum())
         x, left = system.solve(right, bound, ADJOINT_GAIN, MOST_STEPS)
         self.space.add_stress(x, tau)
-        return AdjointStress(self.space.at_nodes(tau), w, left)
+        self.space.to_nodes(tau)
+        return AdjointStress(tau, w, left)
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).
