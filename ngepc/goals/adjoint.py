@@ -28,7 +28,7 @@ from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint_conditions import ROUNDING, AdjointConditions
 from ngepc.goals.goal_terms import GoalTerms
 from ngepc.goals.held_rows import Held, HeldRows
-from ngepc.goals.supremum import dots
+from ngepc.goals.pieces import dots
 from ngepc.linalg.secants import Compliance
 from ngepc.local.system import State
 
@@ -36,8 +36,8 @@ TOUCHES = 1e-10  # fraction of the largest force of a row above which it presses
 UNBALANCED = 1e-8
 """Works on rigid motions relative to the sum of the forces that count as zero."""
 HOLDS = 20  # largest number of passes until no more rows are held
-LOOSEST = 1e-4
-HELD = 0.1
+LOOSEST = 1e-3
+HELD = 0.3
 """Tolerance of the values of held rows, as a part of the root of the error bound, and the largest.
 
 What is left of the conditions is repaired node by node: of m rows it has about m times the energy

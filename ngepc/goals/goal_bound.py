@@ -357,6 +357,11 @@ class GoalProblem:
             lower - proved,
         )
 
+    @cached_property
+    def _resultant(self) -> float:
+        """No less than the contact force of the solution, for all goals."""
+        return largest_resultant(self.bound_data, self.bound)
+
     def _rounding(self, terms: GoalTerms, chosen: Candidate, discrete: float) -> float:
         """By how much rounding errors widen the interval at each end.
 
@@ -375,7 +380,7 @@ class GoalProblem:
         P = self.bound.pressure[:, :, None]
         force = self.bound_data.contact.moments(P)[:, : P.shape[1]].sum()
         suprema = SUPREMA * factor * self.bound.strain_energy
-        largest = largest_resultant(self.bound_data, self.bound)
+        largest = self._resultant
         force = max(RESULTANT * force, largest if math.isfinite(largest) else 0.0)
         return float(ROUNDING * works + suprema + force * missed)
 

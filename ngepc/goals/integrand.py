@@ -1,12 +1,7 @@
 """Integrals of the supremum of a goal over the cells: quadrature, and bounds from above.
 
-For displacements of order one strains are constant on a cell, and the Phi of ``supremum`` is convex
-in the stresses, which are affine on the parts of the cell: on each part its mean is at most the
-mean of its values at the vertices.  Where it is a quadratic on a part it is integrated exactly.
-Parts are cut where bounds differ most from a rule of degree two.  The rest of the supremum is
-affine, or a quadratic.
-
-For order two strains are affine too: ``ngepc.goals.varying``.
+Stresses are affine on the parts of a cell for displacements of order one, quadratic for order two.
+Strains are constant on a cell, or affine: then see ``ngepc.goals.varying``.
 """
 
 from __future__ import annotations
@@ -19,17 +14,17 @@ import numpy as np
 from ngepc.bounds.bound import ErrorBound
 from ngepc.bounds.conjugate import R6, THIN
 from ngepc.bounds.data import BoundData
-from ngepc.bounds.polynomials import NODES, TO_NODES, coefficients
+from ngepc.bounds.polynomials import TO_NODES
 from ngepc.bounds.simplices import stored_by_cells
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.law import Law
 from ngepc.discretisation.overlay_law import OverlayLaw
 from ngepc.goals.adjoint import Adjoint
 from ngepc.goals.goal_boundary import BoundaryTerms, FrictionTerms, SpringSquares
-from ngepc.goals.sides import LawOnParts, ResultOnParts, Sides
+from ngepc.goals.pieces import applied, cell_coefficients, dots
+from ngepc.goals.sides import LawOnCells, ResultOnCells, Sides
 from ngepc.goals.sub_elements import SubElements
 from ngepc.goals.varying import VaryingData, half_root, sides_of
-from ngepc.goals.yielding import dots
 from ngepc.local.system import State
 
 SAMPLED = 1000
@@ -41,7 +36,7 @@ class Integrand:
     """The supremum over the ``cells``.
 
     ``opened`` is int P^ gap_h, ``residual`` minus the integral of s(eps_h) : eps(z); ``sample`` are
-    parts for the choice of lambda and how many each stands for; ``on_boundary`` are the parts of
+    cells for the choice of lambda and how many each stands for; ``on_boundary`` are the parts of
     foundations and friction.
     """
 
@@ -58,7 +53,7 @@ class Integrand:
         return self.sides.of(self.sample[0])
 
     def estimate(self, factor: float) -> float:
-        """About the width for a factor, by a rule on some of the cells."""
+        """About the width for a factor, from some of the cells."""
         weights = self.sample[1]
         total = 2 * factor * self.opened + self.on_boundary.width(factor)
         for sign in (1.0, -1.0):
@@ -68,13 +63,13 @@ class Integrand:
     def bounds(self, factor: float) -> tuple[np.ndarray, np.ndarray]:
         """Integrals over the cells for tau and for -tau, from above."""
         above, below = self.on_boundary.parts(factor, self.cells)
-        above = above + self.sides.integrals(1.0, factor, self.cells)
-        below = below + self.sides.integrals(-1.0, factor, self.cells)
+        above = above + self.sides.integrals(1.0, factor)
+        below = below + self.sides.integrals(-1.0, factor)
         return above, below
 
 
-def sampled(per_cell: np.ndarray, parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Parts of the cells with the largest indicators and of a few others, and their weights.
+def sampled(per_cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The cells with the largest indicators and a few others, and how many each stands for.
 
     Of the others, in the order of their indicators, every so many are taken.
     """
@@ -83,11 +78,9 @@ def sampled(per_cell: np.ndarray, parts: int) -> tuple[np.ndarray, np.ndarray]:
     rest = order[SAMPLED // 2 :]
     stride = max(1, -(-len(rest) // (SAMPLED // 2)))
     few = rest[stride // 2 :: stride]
-    cells = np.append(first, few)
     share = len(rest) / max(len(few), 1)
     weights = np.append(np.ones(len(first)), np.full(len(few), share))
-    rows = (parts * cells[:, None] + np.arange(parts)).ravel()
-    return rows, np.repeat(weights, parts)
+    return np.append(first, few), weights
 
 
 class BoundPart:
@@ -97,30 +90,19 @@ class BoundPart:
         self._bound_data = bound_data
         self._state = state = bound.state
         self._cells = len(bound_data.cells.nodes)
-        self._k = NODES[bound.admissible.shape[1]]
-        parts = bound.admissible.shape[1] // self._k
         own = state.with_radial_return()
         self._closed = bound_data.discrete.law.closed_moduli(own.at, own.yielding)
         at = bound_data.at_nodes.completed(bound.admissible)
         sigma = np.concatenate([at.mean[..., None], at.deviator], axis=-1)
-        self._sigma = self._on_parts(sigma)
+        self._sigma = cell_coefficients(sigma)
         opened = bound_data.contact.opening(state.u, bound.pressure)
         self._opened = float(opened.sum())
-        owner = np.repeat(np.arange(self._cells), parts)
-        volume = np.repeat(bound_data.cells.volume / parts, parts)
-        self._parts = volume, owner
-        self._sample = sampled(bound.per_cell, parts)
+        self._sample = sampled(bound.per_cell)
         self._sprung = bound_data.foundation.apart(state.u, bound.sprung)
         overlay = isinstance(bound_data.discrete.law, OverlayLaw)
         self._constant = bound_data.each == 1 and not overlay
         if self._constant:
-            self._result = constant_result(bound_data, state, self._sigma, self._parts)
-
-    def _on_parts(self, stress: np.ndarray) -> np.ndarray:
-        """Coefficients on the parts of stresses at the nodes, (parts, k, 1 + d)."""
-        k = self._k
-        stress = stress.reshape(-1, k, stress.shape[-1])
-        return coefficients(stress)
+            self._result = constant_result(bound_data, state, self._sigma)
 
     def strain(self, adjoint: Adjoint) -> tuple[np.ndarray, np.ndarray]:
         """Trace and deviator of the strain of an adjoint at the points.
@@ -165,25 +147,23 @@ class BoundPart:
     def integrand(self, adjoint: Adjoint) -> Integrand | SubElements:
         """The supremum for an adjoint."""
         bound_data = self._bound_data
-        volume, _ = self._parts
+        volume = bound_data.cells.volume
         trace, deviator = self.strain(adjoint)
-        tau = self._on_parts(self._stress(adjoint, (trace, deviator)))
+        tau = cell_coefficients(self._stress(adjoint, (trace, deviator)))
         rest = self._opened, self._sample, self._on_boundary(adjoint)
         if self._constant:
             sides = self._constant_sides(tau, trace, deviator)
-            residual = -float(self._works(trace, deviator) @ bound_data.cells.volume)
+            residual = -float(self._works(trace, deviator) @ volume)
             return Integrand(sides, self._cells, residual, *rest)
         law = bound_data.discrete.law
         stresses = tau, self._sigma
         strain = trace[:, None], deviator
         if isinstance(law, OverlayLaw):
-            elements = sub_elements(
-                bound_data, self._state, stresses, strain, self._parts
-            )
+            elements = sub_elements(bound_data, self._state, stresses, strain)
             residual = -float(sum(one.work() @ volume for one in elements))
             of_cells = law.of(np.s_[:: bound_data.each])
             return SubElements(elements, of_cells, self._cells, residual, *rest)
-        data = varying_data(bound_data, self._state, stresses, strain, self._parts)
+        data = varying_data(bound_data, self._state, stresses, strain)
         residual = -float(data.work() @ volume)
         return Integrand(sides_of(data), self._cells, residual, *rest)
 
@@ -192,15 +172,13 @@ class BoundPart:
     ) -> Sides:
         """The supremum for strains that are constant on the cells."""
         law = self._bound_data.discrete.law
-        owner = self._result.owner
         _, stress = law.stress(self._state.at)
         kept = dots(stress - law.back, deviator)
         two_mu = self._result.law.two_mu[:, None, None]
-        own_mean = (law.bulk * trace)[owner, None]
-        mean = (tau[..., 0] - own_mean) * half_root(law.bulk)[owner, None]
-        coefficients = stored_by_cells(tau[..., 1:]) / two_mu
-        strain = deviator[owner, None]
-        return Sides.of_adjoint(self._result, coefficients, strain, mean, kept[owner])
+        own_mean = (law.bulk * trace)[:, None]
+        mean = (tau[..., 0] - own_mean) * half_root(law.bulk)[:, None]
+        T = stored_by_cells(tau[..., 1:]) / two_mu
+        return Sides.of_adjoint(self._result, T, deviator[:, None], mean, kept)
 
     def _works(self, trace: np.ndarray, deviator: np.ndarray) -> np.ndarray:
         """s(eps_h) : eps(z) on the cells, (cells,)."""
@@ -209,47 +187,38 @@ class BoundPart:
 
 
 def constant_result(
-    bound_data: BoundData,
-    state: State,
-    sigma: np.ndarray,
-    parts: tuple[np.ndarray, np.ndarray],
-) -> ResultOnParts:
+    bound_data: BoundData, state: State, sigma: np.ndarray
+) -> ResultOnCells:
     """What goals share for strains that are constant on the cells, order one.
 
-    ``sigma`` (parts, k, 1 + d) are coefficients of sigma^, ``parts`` sizes and cells.
+    ``sigma`` (cells, k, 1 + d) are coefficients of sigma^.
     """
     law = bound_data.discrete.law
-    size, owner = parts
-    two_mu = law.two_mu[owner, None, None]
-    resistance = None
-    if not law.resistance.is_constant:
-        resistance = law.resistance.of(owner)
-    numbers = (law.two_mu[owner], law.hardening[owner], law.beta[owner])
-    own_mean = (law.bulk * state.volume)[owner, None]
-    return ResultOnParts(
-        sigma=stored_by_cells(sigma[..., 1:] - law.back[owner, None]) / two_mu,
-        trial=(state.at.trial / law.two_mu[:, None])[owner, None],
-        mean=(sigma[..., 0] - own_mean) * half_root(law.bulk)[owner, None],
-        law=LawOnParts(*numbers, resistance, form_of(law, owner)),
-        size=size,
-        owner=owner,
+    own = None if law.resistance.is_constant else law.resistance
+    numbers = law.two_mu, law.hardening, law.beta
+    own_mean = (law.bulk * state.volume)[:, None]
+    S = stored_by_cells(sigma[..., 1:] - law.back[:, None])
+    return ResultOnCells(
+        sigma=S / law.two_mu[:, None, None],
+        trial=(state.at.trial / law.two_mu[:, None])[:, None],
+        mean=(sigma[..., 0] - own_mean) * half_root(law.bulk)[:, None],
+        law=LawOnCells(*numbers, own, form_of(law, slice(None))),
+        size=bound_data.cells.volume,
     )
 
 
-def form_of(law: Law, points: np.ndarray) -> np.ndarray | None:
+def form_of(law: Law, points: slice) -> np.ndarray | None:
     """The form of Hill's ellipsoid at some points, (., d, d); None for von Mises."""
     return law.form[points] if isinstance(law, HillLaw) else None
 
 
-def coefficients_on_parts(
-    bound_data: BoundData, values: np.ndarray, owner: np.ndarray, k: int
-) -> np.ndarray:
-    """Coefficients on the parts (parts, k, c) of functions that are given at the points (., c)."""
+def coefficients_of(bound_data: BoundData, values: np.ndarray, k: int) -> np.ndarray:
+    """Coefficients (cells, k, c) of functions that are given at the points (., c)."""
     each = bound_data.each
     if each == 1:
-        return np.repeat(values[owner][:, None], k, axis=1)
-    at_nodes = np.matmul(TO_NODES[each], bound_data.at_corners(values))
-    return coefficients(at_nodes.reshape(len(owner), k, -1))
+        return np.repeat(values[:, None], k, axis=1)
+    table = TO_NODES[each]
+    return cell_coefficients(applied(table, bound_data.at_corners(values)))
 
 
 def varying_data(
@@ -257,38 +226,34 @@ def varying_data(
     state: State,
     stresses: tuple[np.ndarray, np.ndarray],
     strain: tuple[np.ndarray, np.ndarray],
-    parts: tuple[np.ndarray, np.ndarray],
 ) -> VaryingData:
-    """The same for order two: ``stresses`` tau and sigma^, eps(z), size and cell of the parts."""
+    """The same for order two: coefficients of the ``stresses`` tau and sigma^, and eps(z)."""
     law = bound_data.discrete.law
     each = bound_data.each
     tau, sigma = stresses
-    size, owner = parts
 
-    def on_parts(values: np.ndarray) -> np.ndarray:
+    def on_cells(values: np.ndarray) -> np.ndarray:
         """Coefficients of functions that are given at the points."""
-        return coefficients_on_parts(bound_data, values, owner, tau.shape[1])
+        return coefficients_of(bound_data, values, tau.shape[1])
 
     names = ("bulk", "two_mu", "hardening", "beta")
-    resistance = None
-    if not law.resistance.is_constant:
-        resistance = law.resistance.of(each * owner)
-    numbers = {name: np.asarray(getattr(law, name))[::each][owner] for name in names}
-    form = form_of(law, each * owner)
+    first = slice(None, None, each)
+    resistance = law.resistance
+    numbers = {name: np.asarray(getattr(law, name))[first] for name in names}
+    form = form_of(law, first)
     if form is not None:
         numbers["form"] = form
     return VaryingData(
         tau=tau,
         sigma=sigma,
-        volume=on_parts(state.volume[:, None]),
-        trial=on_parts(state.at.trial),
-        back=on_parts(np.ascontiguousarray(law.back)),
-        trace=on_parts(strain[0]),
-        strain=on_parts(strain[1]),
+        volume=on_cells(state.volume[:, None]),
+        trial=on_cells(state.at.trial),
+        back=on_cells(np.ascontiguousarray(law.back)),
+        trace=on_cells(strain[0]),
+        strain=on_cells(strain[1]),
         law=numbers,
-        size=size,
-        owner=owner,
-        resistance=resistance,
+        size=bound_data.cells.volume,
+        resistance=None if resistance.is_constant else resistance.of(first),
     )
 
 
@@ -297,18 +262,16 @@ def sub_elements(
     state: State,
     stresses: tuple[np.ndarray, np.ndarray],
     strain: tuple[np.ndarray, np.ndarray],
-    parts: tuple[np.ndarray, np.ndarray],
 ) -> tuple[VaryingData, ...]:
     """The data of each sub-element, with tau and sigma^ of the whole, for both orders."""
-    whole = varying_data(bound_data, state, stresses, strain, parts)
+    whole = varying_data(bound_data, state, stresses, strain)
     law = bound_data.discrete.law
-    owner = parts[1]
     found = []
     for share, part, one in zip(law.shares, law.parts, state.at.parts, strict=True):
         own = {"bulk": share * whole.law["bulk"]}
         for name in ("two_mu", "hardening", "beta"):
-            own[name] = np.asarray(getattr(part, name))[:: bound_data.each][owner]
-        trial = coefficients_on_parts(bound_data, one.trial, owner, whole.k)
+            own[name] = np.asarray(getattr(part, name))[:: bound_data.each]
+        trial = coefficients_of(bound_data, one.trial, whole.k)
         back = np.zeros_like(trial)
         found.append(replace(whole, trial=trial, back=back, law=own, resistance=None))
     return tuple(found)

@@ -1,4 +1,4 @@
-"""The supremum of a goal on the parts of the cells, for both signs and every lambda.
+"""The supremum of a goal on the cells, for both signs and every lambda.
 
 With the letters of ``supremum``, and sigma = +1 or -1 for the upper and the lower bound,
 
@@ -9,7 +9,7 @@ and the supremum over the mean strain is that of sigma A + lambda B,
 
     (sigma A + lambda B)^2/(4 lambda K),   A = tau_m - K tr eps(z),  B = sigma^_m - K tr eps_h.
 
-So all of the supremum but Phi is known for every lambda from five integrals over each part.
+So all of the supremum but Phi is known for every lambda from five integrals over each cell.
 """
 
 from __future__ import annotations
@@ -18,27 +18,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ngepc.bounds.polynomials import RULE, WEIGHTS, portions
 from ngepc.bounds.simplices import of_cells
 from ngepc.discretisation.resistance import Resistance
 from ngepc.goals.cutting import potential_integrals
+from ngepc.goals.pieces import MEANS, WEIGHTS, at_rule, mean_products
 from ngepc.goals.supremum import ScaledLaw
 from ngepc.goals.supremum_of_ellipsoids import EllipsoidLaw
 from ngepc.goals.supremum_of_laws import NonlinearLaw
-from ngepc.goals.whole_cells import close_enough, whole_integrals
 
 AnyLaw = ScaledLaw | NonlinearLaw | EllipsoidLaw
 """What Phi depends on, by the kind of law."""
 
-AT_ONCE = 2000
-"""Cells that are treated at once."""
-
 
 @dataclass(frozen=True, eq=False)
-class LawOnParts:
-    """The numbers of the law on parts, (parts,); ``resistance`` is that of a nonlinear one.
+class LawOnCells:
+    """The numbers of the law on cells, (cells,); ``resistance`` is that of a nonlinear one.
 
-    ``form`` (parts, d, d) is that of Hill's ellipsoid, None for von Mises.
+    ``form`` (cells, d, d) is that of Hill's ellipsoid, None for von Mises.
     """
 
     two_mu: np.ndarray
@@ -47,12 +43,12 @@ class LawOnParts:
     resistance: Resistance | None = None
     form: np.ndarray | None = None
 
-    def of(self, chosen: slice | np.ndarray) -> LawOnParts:
-        """Those of some of the parts."""
+    def of(self, chosen: slice | np.ndarray) -> LawOnCells:
+        """Those of some of the cells."""
         own = None if self.resistance is None else self.resistance.of(chosen)
         form = None if self.form is None else self.form[chosen]
         numbers = (self.two_mu, self.hardening, self.beta)
-        return LawOnParts(*(values[chosen] for values in numbers), own, form)
+        return LawOnCells(*(values[chosen] for values in numbers), own, form)
 
     def scaled(self, factor: float) -> AnyLaw:
         """What Phi depends on, for lambda."""
@@ -66,49 +62,38 @@ class LawOnParts:
 
 
 @dataclass(frozen=True, eq=False)
-class ResultOnParts:
-    """What all goals of an error bound share, on the parts of the cells.
+class ResultOnCells:
+    """What all goals of an error bound share, on the cells.
 
-    ``sigma`` (parts, k, d) are coefficients of S, ``trial`` those of s/(2 mu_2), (parts, 1, d)
-    where they are constant on the cells; ``mean`` (parts, k) those of B, divided by 2 K^(1/2).
-    ``size`` and ``owner`` (parts,) are the volumes and the cells; all parts of a cell stand
-    together.
+    ``sigma`` (cells, k, d) are coefficients of S, ``trial`` those of s/(2 mu_2), (cells, 1, d)
+    where they are constant on the cells; ``mean`` (cells, k) those of B, divided by 2 K^(1/2);
+    ``size`` (cells,) the volumes.
     """
 
     sigma: np.ndarray
     trial: np.ndarray
     mean: np.ndarray
-    law: LawOnParts
+    law: LawOnCells
     size: np.ndarray
-    owner: np.ndarray
 
-    def of(self, chosen: slice | np.ndarray) -> ResultOnParts:
-        """Those on some of the parts."""
+    def of(self, chosen: slice | np.ndarray) -> ResultOnCells:
+        """Those on some of the cells."""
         values = (self.sigma, self.trial, self.mean)
-        rest = self.law.of(chosen), self.size[chosen], self.owner[chosen]
-        return ResultOnParts(*(of_cells(value, chosen) for value in values), *rest)
-
-
-def mean_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Means over parts of products of vectors with coefficients (parts, k or 1, d), (parts,)."""
-    k = max(a.shape[1], b.shape[1])
-    if min(a.shape[1], b.shape[1]) == 1:
-        return np.einsum("nd,nd->n", a.mean(axis=1), b.mean(axis=1))
-    at_points = (np.matmul(RULE[k], values) for values in (a, b))
-    return np.einsum("nqd,nqd->nq", *at_points) @ WEIGHTS[k]
+        rest = self.law.of(chosen), self.size[chosen]
+        return ResultOnCells(*(of_cells(value, chosen) for value in values), *rest)
 
 
 @dataclass(frozen=True, eq=False)
 class Sides:
     """The supremum for an adjoint.
 
-    ``tau`` (parts, k, d) are coefficients of T, ``strain`` those of dev eps(z), (parts, 1, d) where
-    they are constant on the cells.  ``squares`` (3, parts) are integrals of the products of
+    ``tau`` (cells, k, d) are coefficients of T, ``strain`` those of dev eps(z), (cells, 1, d) where
+    they are constant on the cells.  ``squares`` (3, cells) are integrals of the products of
     A/(2 K^(1/2)) and B/(2 K^(1/2)): of A with itself, of both, of B with itself.  ``linear``
-    (2, parts) are the integrals that are multiplied with the sign and with lambda.
+    (2, cells) are the integrals that are multiplied with the sign and with lambda.
     """
 
-    result: ResultOnParts
+    result: ResultOnCells
     tau: np.ndarray
     strain: np.ndarray
     squares: np.ndarray
@@ -117,21 +102,20 @@ class Sides:
     @classmethod
     def of_adjoint(
         cls,
-        result: ResultOnParts,
+        result: ResultOnCells,
         tau: np.ndarray,
         strain: np.ndarray,
         mean: np.ndarray,
         kept: np.ndarray,
     ) -> Sides:
-        """Those of an adjoint: ``mean`` (parts, k) are coefficients of A/(2 K^(1/2)).
+        """Those of an adjoint: ``mean`` (cells, k) are coefficients of A/(2 K^(1/2)).
 
-        ``kept`` (parts,) are the means of (s(eps_h) - dev alpha_0) : eps(z).
+        ``kept`` (cells,) are the means of (s(eps_h) - dev alpha_0) : eps(z).
         """
-        table = RULE[mean.shape[1]]
-        weights = WEIGHTS[mean.shape[1]]
-        A = mean @ table.T
-        B = result.mean @ table.T
-        squares = np.stack([(a * b) @ weights for a, b in ((A, A), (A, B), (B, B))])
+        A, B = mean.T, result.mean.T
+        M = MEANS[len(A)]
+        pairs = (A, A), (A, B), (B, B)
+        squares = np.stack([np.einsum("kn,kn->n", M @ a, b) for a, b in pairs])
         trial = result.law.two_mu[:, None, None] * result.trial
         of_sign = kept - mean_products(tau, trial)
         of_factor = -mean_products(result.sigma, trial)
@@ -139,7 +123,7 @@ class Sides:
         return cls(result, tau, strain, result.size * squares, result.size * linear)
 
     def of(self, chosen: slice | np.ndarray) -> Sides:
-        """The supremum on some of the parts."""
+        """The supremum on some of the cells."""
         return Sides(
             self.result.of(chosen),
             of_cells(self.tau, chosen),
@@ -149,18 +133,18 @@ class Sides:
         )
 
     def rest(self, sign: float, factor: float) -> np.ndarray:
-        """Integrals of all but Phi over the parts, (parts,)."""
+        """Integrals of all but Phi over the cells, (cells,)."""
         adjoint, both, own = self.squares
         squares = adjoint / factor + 2 * sign * both + factor * own
         of_sign, of_factor = self.linear
         return squares + sign * of_sign + factor * of_factor
 
     def pulled(self, sign: float, factor: float) -> np.ndarray:
-        """Coefficients of q/(2 mu_2), (parts, k, d)."""
+        """Coefficients of q/(2 mu_2), (cells, k, d)."""
         return sign * self.tau + factor * self.result.sigma
 
     def w(self, sign: float, factor: float) -> np.ndarray:
-        """Those of w, (parts, k or 1, d)."""
+        """Those of w, (cells, k or 1, d)."""
         return factor * self.result.trial - sign * self.strain
 
     def law(self, factor: float) -> AnyLaw:
@@ -168,55 +152,15 @@ class Sides:
         return self.result.law.scaled(factor)
 
     def estimate(self, sign: float, factor: float) -> np.ndarray:
-        """Integrals of the supremum over the parts by a rule, (parts,)."""
-        k = self.tau.shape[1]
-        pulled = np.matmul(RULE[k], self.pulled(sign, factor))
+        """Integrals of the supremum over the cells by a rule, (cells,)."""
+        pulled = at_rule(self.pulled(sign, factor))
         w = self.w(sign, factor)
-        if w.shape[1] > 1:
-            w = np.matmul(RULE[k], w)
-        found = self.law(factor).potential(pulled, w)
-        return self.result.size * (found @ WEIGHTS[k]) + self.rest(sign, factor)
+        w = w if w.shape[1] == 1 else at_rule(w)
+        means = self.law(factor).potential(pulled, w) @ WEIGHTS[pulled.shape[1]]
+        return self.result.size * means + self.rest(sign, factor)
 
-    def integrals(self, sign: float, factor: float, count: int) -> np.ndarray:
-        """Integrals of the supremum over ``count`` cells from above.
-
-        Where strains are constant on the cells, those of whole cells are taken where they are
-        close.
-        """
-        if self.strain.shape[1] == 1:
-            return self._by_cells(sign, factor, count)
-        rest = np.bincount(self.result.owner, self.rest(sign, factor), minlength=count)
-        return self._by_parts(sign, factor, rest)
-
-    def _by_parts(self, sign: float, factor: float, rest: np.ndarray) -> np.ndarray:
-        """Integrals by parts that are cut, and of a ``rest`` that is given, (cells,)."""
-        law = self.law(factor)
-        pulled = self.pulled(sign, factor)
-        w = self.w(sign, factor)
-        parts = self.result.size, self.result.owner
-        return potential_integrals(law, pulled, w, parts, rest)
-
-    def _by_cells(self, sign: float, factor: float, count: int) -> np.ndarray:
-        """Integrals over whole cells first, by parts where these are not close."""
-        parts = len(self.result.owner) // count
-        whole = np.empty(count)
-        estimate = np.empty(count)
-        for cells in portions(count, AT_ONCE):
-            some = self.of(slice(parts * cells.start, parts * cells.stop))
-            whole[cells], estimate[cells] = some.of_whole_cells(sign, factor, parts)
-        rest = self.rest(sign, factor).reshape(-1, parts).sum(axis=1)
-        close = close_enough(whole, estimate, rest)
-        left = self.of(np.flatnonzero(~close[self.result.owner]))
-        known = np.where(close, rest + whole, rest)
-        return np.maximum(left._by_parts(sign, factor, known), 0.0)
-
-    def of_whole_cells(
-        self, sign: float, factor: float, parts: int
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Integrals of Phi over the cells from above, and estimates, see ``whole_cells``."""
-        first = np.s_[::parts]
-        pulled = self.pulled(sign, factor)
-        pulled = pulled.reshape(-1, parts, *pulled.shape[1:])
-        law = self.law(factor).of_points(first)
-        w = self.w(sign, factor)[first, 0]
-        return whole_integrals(law, pulled, w, parts * self.result.size[first])
+    def integrals(self, sign: float, factor: float) -> np.ndarray:
+        """Integrals of the supremum over the cells from above, (cells,)."""
+        pulled, w = self.pulled(sign, factor), self.w(sign, factor)
+        rest = self.rest(sign, factor)
+        return potential_integrals(self.law(factor), pulled, w, self.result.size, rest)

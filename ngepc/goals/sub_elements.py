@@ -43,12 +43,12 @@ class SubElements:
     def split(
         self, sign: float, factor: float, chosen: slice | np.ndarray = slice(None)
     ) -> list[VaryingData]:
-        """The data of the sub-elements with a part of the stress each, on some of the parts."""
+        """The data of the sub-elements with a part of the stress each, on some of the cells."""
         elements = [element.of(chosen) for element in self.elements]
         if sign < 0:
             elements = [element.turned() for element in elements]
         whole = elements[0].tau + factor * elements[0].sigma
-        split = shares_of(self.law, whole / factor, elements[0].owner)
+        split = shares_of(self.law.of(chosen), whole / factor)
         mean = whole[..., :1]
         found = []
         for element, share, own in zip(elements, self.law.shares, split, strict=True):
@@ -69,26 +69,24 @@ class SubElements:
         """Integrals over the cells for tau and for -tau, from above."""
         above, below = self.on_boundary.parts(factor, self.cells)
         for data in self.split(1.0, factor):
-            above = above + sides_of(data).integrals(1.0, factor, self.cells)
+            above = above + sides_of(data).integrals(1.0, factor)
         for data in self.split(-1.0, factor):
-            below = below + sides_of(data).integrals(1.0, factor, self.cells)
+            below = below + sides_of(data).integrals(1.0, factor)
         return above, below
 
 
-def shares_of(
-    law: OverlayLaw, stress: np.ndarray, owner: np.ndarray
-) -> list[np.ndarray]:
-    """A split of stresses (parts, k, 1 + d) on cells among sub-elements: deviators (parts, k, d).
+def shares_of(law: OverlayLaw, stress: np.ndarray) -> list[np.ndarray]:
+    """A split of stresses (cells, k, 1 + d) among sub-elements: deviators (cells, k, d).
 
     The strongest sub-element takes what Newton's method leaves.
     """
-    parts, k, size = stress.shape
+    cells, k, size = stress.shape
     deviator = stress[..., 1:].reshape(-1, size - 1)
-    at_points = law.of(np.repeat(owner, k))
+    at_points = law.of(np.repeat(np.arange(cells), k))
     at = at_points.at_stress(deviator)
     split = []
     for part, one in zip(at_points.parts, at.parts, strict=True):
         kept = np.where(one.yields, INSIDE, 1.0)
         split.append(kept[:, None] * part.stress(one)[1])
     split[-1] = split[-1] + deviator - sum(split)
-    return [own.reshape(parts, k, size - 1) for own in split]
+    return [own.reshape(cells, k, size - 1) for own in split]

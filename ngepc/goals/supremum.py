@@ -1,4 +1,4 @@
-"""The supremum of the integrand of a goal over the unknown strain, point by point.
+"""The supremum of the integrand of a goal over the unknown strain, for linear hardening.
 
 With the law s(.) of the step, the strain eps_h of the result and stresses tau and sigma^,
 
@@ -6,49 +6,64 @@ With the law s(.) of the step, the strain eps_h of the result and stresses tau a
                    - lambda e : (s(eps_h + e) - sigma^).
 
 The mean part is a quadratic.  For the deviator let s be the trial stress at eps_h, t = s + 2 mu_2 e
-that at eps_h + e, M = 2 mu_2 + h, and
+that at eps_h + e, S(t) its stress less dev alpha_0, and
 
     q = tau + lambda (sigma^ - dev alpha_0),   w = lambda s/(2 mu_2) - eps(z).
 
-Then the part by dev e is
+Then the part by dev e is Phi(q, w) - q : s/(2 mu_2) + S(s) : eps(z) with k = lambda/(2 mu_2) and
 
-    Phi(q, w) - q : s/(2 mu_2) + (s(eps_h) - dev alpha_0) : eps(z),
+    Phi(q, w) = sup over t of  q : t/(2 mu_2) + w : S(t) - k t : S(t).
 
-where Phi is the supremum over t of
+It is affine in q and w for each t, hence convex in both.  With H = h/(2 mu_2) and
 
-    y : t - lambda |t|^2/(2 mu_2)                      for |t| <= beta,  y = q/(2 mu_2) + w,
-    k n : w + (n : v - start) rho - square rho^2       for t = rho n, rho >= beta,
+    y = q/(2 mu_2) + w,   v = q/(2 mu_2) + H y,   V = k beta (1 + 2 H),   b = k H (1 + H),
 
-    v = q/(2 mu_2) + h/M w,  k = 2 mu_2 beta/M,  start = lambda beta/M,
-    square = lambda h/(2 mu_2 M).
+and for any D, with A = beta D,
 
-It is affine in q and w for each t, hence Phi is convex in both.  It depends on |v|, |w| and v : w
-only:
+    Phi <= |y - D|^2/(4 k) + sup F,   F(g) = |A + g v| - V g - b g^2,   g >= 0,
 
-* the first supremum is at the point of the ball that is nearest to y 2 mu_2/(2 lambda);
-* in the second one the best rho is known for each n; the rest depends on n through n : v and n : w
-  and is convex in n, so that the best n lies in the plane of v and w, at an angle between them: a
-  search over one angle in all dimensions.
+and Phi <= sup F - k beta^2 with D = y where |y| >= 2 k beta.  For any r > 0 and unit vector n
 
-Where the function of the angle is concave, Newton's method finds its maximum, and the second
-derivative bounds the remaining error.  Elsewhere the interval of angles is cut into ``ANGLES``
-parts; the values at their ends and the largest second derivative bound the function between.
+    sup F <= F(r) + (|v_n - V - 2 b r| + max(|v| - v_n, (|A| - A_n)/r))^2/(4 b),
+    sup F <= F(0) + ([|v| - V]_+)^2/(4 b);
+
+``docs/goal_bound.md`` has the proof.  On a piece of a cell y and v are polynomials; one r and one
+n, those for their means, serve for all of it.  The mean of a norm |x| is at most
+
+    mean x_n + mean |x across n|^2/(2 min x_n),
+
+and a convex function has at most the mean of the values at the coefficients.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from ngepc.bounds.polynomials import portions, square_integrals
-from ngepc.bounds.simplices import sliced
-from ngepc.goals.yielding import YieldLaw, dots, largest_of, products, yielding_means
+from ngepc.bounds.polynomials import portions
+from ngepc.bounds.simplices import of_cells
+from ngepc.goals.pieces import (
+    largest_of,
+    mean_of,
+    mean_squares,
+    pieces_last,
+    products,
+    smallest_of,
+)
 
-ANGLES = 12
-"""Parts of the interval of angles; the error of the bound falls with the square of their number."""
-FLAT = 1e-6
-"""Second derivatives below this fraction of ``slope`` count as zero."""
+AT_ONCE = 36_000
+"""Coefficients that are treated at once."""
+MOST = 0.7
+"""Pieces are copied where fewer than this part of them are needed."""
+LEAST = 0.3
+"""r is zero where it would be below this part of beta: (|A| - A_n)/r is large there."""
+INSIDE = {1: 1.0, 3: 1 / 4, 4: 1 / 5, 6: 2 / 5, 9: 1 / 4, 16: 1 / 5, 18: 2 / 5}
+"""Variance of an affine function on a piece over that of its coefficients, for estimates."""
+MIXED = 0.3
+"""The same where a piece may yield in part."""
 TINY = np.finfo(float).tiny
 
 
@@ -62,191 +77,250 @@ def kept_part(
 
 @dataclass(frozen=True, eq=False)
 class ScaledLaw:
-    """The numbers of the law and of lambda on which Phi depends, arrays (n,).
-
-    ``inner`` is lambda/(2 mu_2), ``share`` 2 mu_2/M; the others are those of the module.
-    """
+    """The numbers ``beta``, ``k`` and ``H`` of the law and of lambda, arrays (n,)."""
 
     beta: np.ndarray
-    inner: np.ndarray
-    share: np.ndarray
     k: np.ndarray
-    start: np.ndarray
-    square: np.ndarray
+    H: np.ndarray
 
     @classmethod
     def of(
         cls, two_mu: np.ndarray, hardening: np.ndarray, beta: np.ndarray, factor: float
     ) -> ScaledLaw:
         """Those of a law with linear hardening."""
-        M = two_mu + hardening
-        inner = factor / two_mu
-        share = two_mu / M
-        square = inner * hardening / M
-        return cls(beta, inner, share, share * beta, factor * beta / M, square)
+        return cls(beta, factor / two_mu, hardening / two_mu)
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """V, (n,)."""
+        return self.k * self.beta * (1 + 2 * self.H)
+
+    @cached_property
+    def bend(self) -> np.ndarray:
+        """b, (n,)."""
+        return self.k * self.H * (1 + self.H)
 
     def of_points(self, chosen: slice | np.ndarray) -> ScaledLaw:
         """Those at some of the points."""
-        return ScaledLaw(*(value[chosen] for value in vars(self).values()))
+        numbers = self.beta, self.k, self.H
+        return ScaledLaw(*(value[chosen] for value in numbers))
 
-    def repeated(self, count: int) -> ScaledLaw:
-        """Those of each point so many times."""
-        return ScaledLaw(*(np.repeat(value, count) for value in vars(self).values()))
+    def means(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Means of Phi over pieces: upper bounds and estimates, (2, n).
 
-    def elastic(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Where nothing may yield, for coefficients on parts (d, k, n) and (d, ., n), (n,)."""
-        y = pulled + w
-        v = y - self.share * w
-        inside = largest_of(products(y, y)) <= (2 * self.inner * self.beta) ** 2
-        least = self.start + 2 * self.square * self.beta
-        return inside & (largest_of(products(v, v)) <= least**2)
-
-    def yielding_means(
-        self, pulled: np.ndarray, w: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Means of Phi over parts that yield: bounds and estimates, see ``yielding``, (n,)."""
-        y = pulled + w
-        v = y - self.share * w
-        return yielding_means(YieldLaw(self.beta, self.inner, 1 - self.share), y, v)
-
-    def potential(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """No less than Phi for q/(2 mu_2) and w at points of parts, (n, k, d) or (n, 1, d).
-
-        The numbers of the law are those of the parts.
+        ``pulled`` (n, k, d) are coefficients of q/(2 mu_2), ``w`` (n, k or 1, d) those of w.
         """
-        count, k = pulled.shape[:2]
-        found = np.empty((count, k))
-        for part in portions(count, 10_000 // k):
-            own = w[part]
-            share = self.share[part, None, None]
-            v = pulled[part] + (1 - share) * own
-            v_square = dots(v, v)
-            both = dots(v, own)
-            w_square = np.broadcast_to(dots(own, own), both.shape)
-            law = self.of_points(part).repeated(k)
-            products = (values.ravel() for values in (v_square, both, w_square))
-            found[part] = law.of_products(*products).reshape(-1, k)
+        found = np.empty((2, len(pulled)))
+        for part in portions(len(pulled), AT_ONCE // pulled.shape[1]):
+            found[:, part] = smooth_means(*self.pieces(pulled, w, part))
+        mixed = np.flatnonzero(np.isnan(found[0]))
+        for part in portions(len(mixed), AT_ONCE // pulled.shape[1]):
+            at = mixed[part]
+            found[:, at] = mixed_means(*self.pieces(pulled, w, at))
         return found
 
-    def quadratic(
-        self, pulled: np.ndarray, w: np.ndarray, volume: np.ndarray
-    ) -> np.ndarray:
-        """Integrals of Phi where nothing may yield, from coefficients on parts, (n,)."""
-        return square_integrals(pulled + w, volume) / (4 * self.inner)
+    def pieces(
+        self, pulled: np.ndarray, w: np.ndarray, chosen: slice | np.ndarray
+    ) -> tuple[ScaledLaw, Pieces]:
+        """The law and y and v on some of the pieces."""
+        law = self.of_points(chosen)
+        p = pieces_last(of_cells(pulled, chosen))
+        y = p + pieces_last(of_cells(w, chosen))
+        return law, Pieces.of(y, p + law.H * y)
 
-    def of_products(
-        self, v_square: np.ndarray, both: np.ndarray, w_square: np.ndarray
-    ) -> np.ndarray:
-        """The same for |v|^2, v : w and |w|^2, (n,)."""
-        share = self.share
-        y_square = v_square + share * (2 * both + share * w_square)
-        best = self._in_the_ball(np.maximum(y_square, 0.0))
-        least = self.start + 2 * self.square * self.beta
-        size = np.sqrt(v_square)
-        there = np.flatnonzero(size > least)
-        if len(there):
-            v = size[there]
-            length = np.sqrt(w_square[there])
-            cosine = both[there] / np.maximum(v * length, TINY)
-            arc = Arc(
-                v,
-                self.start[there],
-                least[there],
-                4 * self.square[there],
-                self.k[there] * length,
-                np.clip(cosine, -1.0, 1.0),
-            )
-            best[there] = np.maximum(best[there], arc.largest())
-        return best
-
-    def _in_the_ball(self, y_square: np.ndarray) -> np.ndarray:
-        """The supremum over |t| <= beta for |y|^2."""
-        size = np.sqrt(y_square)
-        inside = size <= 2 * self.inner * self.beta
-        free = y_square / (4 * self.inner)
-        kept = self.beta * (size - self.inner * self.beta)
-        return np.where(inside, free, kept)
+    def potential(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """No less than Phi at points of pieces, (n, k), from q/(2 mu_2) and w there."""
+        count, k = pulled.shape[:2]
+        found = np.empty((k, count))
+        for part in portions(count, AT_ONCE // k):
+            found[:, part] = values(*self.pieces(pulled, w, part))
+        return found.T
 
 
-class Arc:
-    """The largest value of lin(a)^2/quarter + slope cos(b - a), lin(a) = v cos(a) - start.
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Coefficients (k, d, n) of y and v on pieces, and their norms (k, n)."""
 
-    The angle a lies between 0 and the smaller one of b and that where v cos(a) = least; all are
-    arrays (n,), b is given by its ``cosine``.
+    y: np.ndarray
+    v: np.ndarray
+    of_y: np.ndarray
+    of_v: np.ndarray
+
+    @classmethod
+    def of(cls, y: np.ndarray, v: np.ndarray) -> Pieces:
+        """The same from y and v."""
+        return cls(y, v, np.sqrt(products(y, y)), np.sqrt(products(v, v)))
+
+    def at(self, chosen: np.ndarray) -> Pieces:
+        """Some of the pieces."""
+        return Pieces(*(value.take(chosen, axis=-1) for value in vars(self).values()))
+
+    def points(self) -> Pieces:
+        """The values at all coefficients, as constants on pieces: first those of the first ones."""
+        vectors = (
+            x.swapaxes(0, 1).reshape(1, x.shape[1], -1) for x in (self.y, self.v)
+        )
+        return Pieces(*vectors, self.of_y.reshape(1, -1), self.of_v.reshape(1, -1))
+
+    def centres(self) -> Pieces:
+        """Their means, as constants."""
+        return Pieces.of(mean_of(self.y)[None], mean_of(self.v)[None])
+
+
+class Field(NamedTuple):
+    """Coefficients of a field: vectors (k, d, n), norms and components along n, (k, n)."""
+
+    vectors: np.ndarray
+    norms: np.ndarray
+    along: np.ndarray
+
+
+def smooth_means(law: ScaledLaw, pieces: Pieces) -> np.ndarray:
+    """Means of Phi over pieces: upper bounds and estimates, (2, n).
+
+    They are NaN for pieces that may yield in part, see ``mixed_means``.
     """
+    limit = 2 * law.k * law.beta
+    elastic = largest_of(pieces.of_y) <= limit
+    elastic &= largest_of(pieces.of_v) <= law.start
+    found = np.full((2, len(limit)), np.nan)
+    if elastic.any():
+        exact = mean_squares(pieces.y) / (4 * law.k)
+        found[:, elastic] = exact[elastic]
+    rest = np.flatnonzero(~elastic)
+    if not len(rest):
+        return found
+    if len(rest) < MOST * len(limit):  # the others are not worth a copy
+        law, pieces, limit = law.of_points(rest), pieces.at(rest), limit[rest]
+    else:
+        rest = slice(None)
+    r, n = tangents(law, pieces.centres())
+    y_n = products(pieces.y, n)
+    yields = (smallest_of(y_n) >= limit) & ~elastic[rest]
+    if yields.any():
+        means = yielding_means(law, pieces, r, n, y_n)
+        found[:, rest] = np.where(yields, means, found[:, rest])
+    return found
 
-    def __init__(
-        self,
-        v: np.ndarray,
-        start: np.ndarray,
-        least: np.ndarray,
-        quarter: np.ndarray,
-        slope: np.ndarray,
-        cosine: np.ndarray,
-    ) -> None:
-        self.v = v
-        self.start = start
-        self.quarter = quarter
-        self.slope = slope
-        self.cosine = cosine
-        self.sine = np.sqrt(1 - cosine**2)
-        self.end = np.clip(np.maximum(least / v, cosine), -1.0, 1.0)
 
-    def of(self, chosen: np.ndarray) -> Arc:
-        """Some of the arcs."""
-        return sliced(self, chosen, tuple(vars(self)))
+def tangents(law: ScaledLaw, centres: Pieces) -> tuple[np.ndarray, np.ndarray]:
+    """About the best r for D = y, (n,), and the direction of beta y + r v, (d, n)."""
+    y, v = centres.y[0], centres.v[0]
+    size = centres.of_v[0]
+    bend = 2 * np.where(law.H > 0, law.bend, 1.0)
+    r = np.maximum(size - law.start, 0.0) / bend
+    n, length = direction(law.beta * y + r * v)  # one Newton step is enough
+    along = products(n, v)
+    across = np.maximum(size**2 - along**2, 0.0)
+    soft = np.maximum(bend - across / length, bend / 2)
+    r = np.maximum(r + (along - law.start - bend * r) / soft, 0.0)
+    r = np.where((r >= LEAST * law.beta) & (law.H > 0), r, 0.0)
+    return r, direction(law.beta * y + r * v)[0]
 
-    def largest(self) -> np.ndarray:
-        """No less than the largest value, (n,)."""
-        bend = self._least_bend()
-        curved = bend > FLAT * self.slope
-        result = self._concave(np.where(curved, bend, self.slope + 1.0))
-        rest = np.flatnonzero(~curved)
-        if len(rest):
-            result[rest] = self.of(rest)._on_grid()
-        return result
 
-    def _least_bend(self) -> np.ndarray:
-        """Lower bound of minus the second derivative on the arc."""
-        lin = self.v * self.end - self.start
-        square = 1 - self.end**2
-        bend = 2 * self.v * (lin * self.end - self.v * square) / self.quarter
-        return bend + self.slope * self.cosine
+def direction(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directions and sizes of vectors (d, n)."""
+    size = np.maximum(np.sqrt(products(vectors, vectors)), TINY)
+    return vectors / size, size
 
-    def _parts(self, c: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Value, derivative and minus the second derivative at angles by cosine and sine."""
-        lin = self.v * c - self.start
-        along = self.cosine * c + self.sine * s
-        across = self.sine * c - self.cosine * s
-        value = lin**2 / self.quarter + self.slope * along
-        first = -2 * self.v * lin * s / self.quarter + self.slope * across
-        bend = 2 * self.v * (lin * c - self.v * s**2) / self.quarter
-        return value, first, bend + self.slope * along
 
-    def _concave(self, bend: np.ndarray) -> np.ndarray:
-        """Upper bound of the maximum where minus the second derivative is at least ``bend`` > 0.
+def yielding_means(
+    law: ScaledLaw, pieces: Pieces, r: np.ndarray, n: np.ndarray, y_n: np.ndarray
+) -> np.ndarray:
+    """Means of sup F - k beta^2 for D = y: upper bounds and estimates, (2, n)."""
+    A = Field(law.beta * pieces.y, law.beta * pieces.of_y, law.beta * y_n)
+    v = Field(pieces.v, pieces.of_v, products(pieces.v, n))
+    return np.stack(largest_means(law, A, v, r)) - law.k * law.beta**2
 
-        One Newton step; with the value f and the derivative d there, f + d^2/(2 bend) is a bound.
-        A second step gained less than a thousandth of the width of intervals.
-        """
-        first = self.slope * self.sine
-        local = 2 * self.v * (self.v - self.start) / self.quarter
-        local = local + self.slope * self.cosine
-        step = np.minimum(first / np.maximum(local, bend), 1.0)
-        c = np.sqrt(1 - step**2)
-        beyond = c < self.end
-        c = np.where(beyond, self.end, c)
-        s = np.where(beyond, np.sqrt(1 - c**2), step)
-        value, first, _ = self._parts(c, s)
-        at_end = beyond & (first >= 0)
-        return value + np.where(at_end, 0.0, first**2 / (2 * bend))
 
-    def _on_grid(self) -> np.ndarray:
-        """Upper bound of the maximum by values on a grid and the largest second derivative."""
-        step = np.arccos(self.end) / ANGLES
-        bend = self.slope + 2 * self.v**2 / self.quarter
-        best = np.full(len(step), -np.inf)
-        for count in range(ANGLES + 1):
-            value, *_ = self._parts(np.cos(count * step), np.sin(count * step))
-            best = np.maximum(best, value)
-        return best + bend * step**2 / 8
+def mixed_means(law: ScaledLaw, pieces: Pieces) -> np.ndarray:
+    """Means of Phi over pieces: upper bounds and estimates, (2, n).
+
+    D is what of the coefficients of y exceeds 2 k beta, or the mean of values is taken.
+    """
+    r, _ = tangents(law, pieces.centres())
+    beyond = np.maximum(pieces.of_y - 2 * law.k * law.beta, 0.0)
+    D = pieces.y * (beyond / np.maximum(pieces.of_y, TINY))[:, None]
+    n, _ = direction(law.beta * mean_of(D) + r * mean_of(pieces.v))
+    A = Field(law.beta * D, law.beta * beyond, law.beta * products(D, n))
+    v = Field(pieces.v, pieces.of_v, products(pieces.v, n))
+    bound, _ = largest_means(law, A, v, r)
+    bound += mean_squares(pieces.y - D) / (4 * law.k)
+    bound = np.minimum(bound, mean_of(values(law, pieces)))
+    least = values(law, pieces.centres())[0]
+    finite = np.isfinite(bound)
+    estimate = bound.copy()
+    estimate[finite] = (least + MIXED * (bound - least))[finite]
+    return np.stack([bound, estimate])
+
+
+def values(law: ScaledLaw, pieces: Pieces) -> np.ndarray:
+    """No less than Phi at the coefficients of pieces, (k, n)."""
+    shape = pieces.of_y.shape
+    points = pieces.points()
+    law = law.of_points(np.tile(np.arange(shape[1]), shape[0]))
+    y = points.of_y[0]
+    inside = np.minimum(y, 2 * law.k * law.beta)
+    found = (y - inside / 2) * inside / (2 * law.k)
+    yields = np.flatnonzero(points.of_v[0] > law.start)
+    if len(yields):
+        law, points = law.of_points(yields), points.at(yields)
+        r, n = tangents(law, points)
+        bound, _ = yielding_means(law, points, r, n, products(points.y, n))
+        found[yields] = np.maximum(found[yields], bound)
+    return found.reshape(shape)
+
+
+def largest_means(
+    law: ScaledLaw, A: Field, v: Field, r: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means of sup F over pieces: upper bounds and estimates, (n,)."""
+    upper, near = norm_means(A, v, r)
+    beyond, square = excess_means(law, A, v, r)
+    rise = r * (law.start + law.bend * r)
+    return upper - rise + beyond, near - rise + square
+
+
+def norm_means(A: Field, v: Field, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means of |A + r v| over pieces: upper bounds and estimates, (n,)."""
+    along = A.along + r * v.along
+    across = mean_squares(A.vectors + r * v.vectors) - mean_squares(along)
+    across = np.maximum(across, 0.0)
+    size = mean_of(along)
+    least = smallest_of(along)
+    upper = mean_of(A.norms) + r * mean_of(v.norms)
+    positive = least > 0
+    sharp = size + across / (2 * np.where(positive, least, 1.0))
+    is_sharp = positive & (sharp < upper)
+    near = size + across / (2 * np.maximum(size, TINY))
+    rough = size + INSIDE[len(along)] * (upper - size)
+    return np.where(is_sharp, sharp, upper), np.where(is_sharp, near, rough)
+
+
+def excess_means(
+    law: ScaledLaw, A: Field, v: Field, r: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What sup F exceeds F(r) by, in the mean over pieces: upper bounds and estimates, (n,)."""
+    bends = law.H > 0
+    fourth = 4 * np.where(bends, law.bend, 1.0)
+    slope = law.start + 2 * law.bend * r
+    before = (A.norms - A.along) * np.where(r > 0, 1 / np.maximum(r, TINY), 0.0)
+    after = v.norms - v.along
+    X = v.along - slope
+    near = X
+    rests = np.flatnonzero(r == 0)
+    if len(rests):
+        near = X.copy()
+        near[:, rests] = np.maximum(X[:, rests], 0.0)
+        X[:, rests] = np.maximum(X[:, rests] + after[:, rests], 0.0)
+        after[:, rests] = 0.0
+    square = mean_squares(X)
+    off = mean_squares(np.maximum(after, before))
+    upper = (np.sqrt(square) + np.sqrt(off)) ** 2
+    steepest = np.maximum(np.maximum(X + after, before - X), 0.0)
+    upper = np.minimum(upper, mean_squares(steepest)) / fourth
+    near = (mean_squares(near) if len(rests) else square) / fourth
+    if bends.all():
+        return upper, near
+    perfect = np.where(largest_of(v.norms) > law.start, np.inf, 0.0)
+    return np.where(bends, upper, perfect), np.where(bends, near, perfect)

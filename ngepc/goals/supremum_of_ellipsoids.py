@@ -64,7 +64,7 @@ class EllipsoidLaw(SearchedLaw):
         return EllipsoidLaw(*(values[chosen] for values in numbers), self.factor)
 
     def elastic(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Where nothing may yield, for coefficients on parts, see ``ScaledLaw.elastic``."""
+        """Where nothing may yield, see ``SearchedLaw.elastic``."""
         k = self.factor / self.two_mu
         M = self.two_mu + self.hardening
         y = self._measure(pulled + w)
@@ -73,9 +73,9 @@ class EllipsoidLaw(SearchedLaw):
         return inside & (v <= k * (M + self.hardening) * self.beta)
 
     def _measure(self, values: np.ndarray) -> np.ndarray:
-        """The largest (x . A x)^(1/2) of coefficients (d, k, n), (n,)."""
-        turned = np.einsum("nci,ckn->ikn", self.vectors, values)
-        squares = np.einsum("ni,ikn->kn", self.sizes, turned**2)
+        """The largest (x . A x)^(1/2) of coefficients (k, d, n), (n,)."""
+        turned = np.einsum("nci,kcn->kin", self.vectors, values)
+        squares = np.einsum("ni,kin->kn", self.sizes, turned**2)
         return np.sqrt(squares.max(axis=0))
 
     def potential(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:

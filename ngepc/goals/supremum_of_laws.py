@@ -27,9 +27,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from ngepc.bounds.polynomials import portions, square_integrals
+from ngepc.bounds.polynomials import NODES, portions
 from ngepc.discretisation.resistance import Resistance
-from ngepc.goals.yielding import dots, products
+from ngepc.goals.pieces import dots, largest_of, mean_squares, pieces_last, products
 
 ROUNDS = 40
 """Most intervals that are halved at a point."""
@@ -39,6 +39,8 @@ CLOSE = 0.02
 That is the value of Phi without errors, so that the rest is a square of errors.
 """
 ROUNDING = 1e-12
+INSIDE = {3: 1 / 4, 4: 1 / 5, 6: 2 / 5}
+"""Variance of an affine function on a part over that of its coefficients, for estimates."""
 BEYOND = 1.5
 """Factor between the first largest g and the smallest one for which the last bound holds."""
 TINY = np.finfo(float).tiny
@@ -59,18 +61,37 @@ class SearchedLaw(ABC):
         """That of each point so many times."""
         return self.of_points(np.repeat(np.arange(len(self.two_mu)), count))
 
-    def quadratic(
-        self, pulled: np.ndarray, w: np.ndarray, volume: np.ndarray
-    ) -> np.ndarray:
-        """Integrals of Phi where nothing may yield, from coefficients on parts, (n,)."""
-        return square_integrals(pulled + w, volume) * self.two_mu / (4 * self.factor)
+    @abstractmethod
+    def elastic(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Where nothing may yield, (n,), for coefficients (k, d, n) and (k or 1, d, n)."""
 
-    def yielding_means(
-        self, pulled: np.ndarray, w: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """There are no means over parts: infinite, see ``ScaledLaw.yielding_means``."""
-        none = np.full(pulled.shape[2], np.inf)
-        return none, none
+    @abstractmethod
+    def potential(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """No less than Phi at points of pieces, see ``ScaledLaw.potential``."""
+
+    def means(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Means of Phi over pieces: upper bounds and estimates, see ``ScaledLaw.means``.
+
+        Where nothing may yield Phi is a quadratic.  Elsewhere the bound is the mean of its values
+        at the coefficients; for whole cells there is none.
+        """
+        k = pulled.shape[1]
+        p_last, w_last = pieces_last(pulled), pieces_last(w)
+        elastic = self.elastic(p_last, w_last)
+        exact = mean_squares(p_last + w_last) * self.two_mu / (4 * self.factor)
+        found = np.where(elastic, exact, [[np.inf], [0.0]])
+        if k in NODES or elastic.all():
+            return found
+        other = np.flatnonzero(~elastic)
+        law, pulled, w = self.of_points(other), pulled[other], w[other]
+        bound = law.potential(pulled, w).mean(axis=1)
+        centres = (values.mean(axis=1, keepdims=True) for values in (pulled, w))
+        least = law.potential(*centres)[:, 0]
+        finite = np.isfinite(least)
+        estimate = np.full(len(least), np.inf)
+        estimate[finite] = (least + INSIDE[k] * (bound - least))[finite]
+        found[:, other] = bound, estimate
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +109,13 @@ class NonlinearLaw(SearchedLaw):
         return NonlinearLaw(self.resistance.of(chosen), *parts, self.factor)
 
     def elastic(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """Where nothing may yield, for coefficients on parts, see ``ScaledLaw.elastic``."""
+        """Where nothing may yield, see ``SearchedLaw.elastic``."""
         y = pulled + w
         reached = self.factor / self.two_mu * self.resistance.beta
-        inside = products(y, y).max(axis=0) <= (2 * reached) ** 2
+        inside = largest_of(products(y, y)) <= (2 * reached) ** 2
         # beyond the ball N falls with rho for every direction
-        p_square = products(pulled, pulled).max(axis=0)
-        w_square = products(w, w).max(axis=0)
+        p_square = largest_of(products(pulled, pulled))
+        w_square = largest_of(products(w, w))
         return inside & (np.maximum(p_square, w_square) <= reached**2)
 
     def potential(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:

@@ -27,8 +27,8 @@ from ngepc.geometries import block
 from ngepc.goals.adjoint import AdjointProblem
 from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.goal_terms import terms_of
-from ngepc.goals.sides import LawOnParts, ResultOnParts, Sides
-from ngepc.goals.yielding import dots
+from ngepc.goals.pieces import dots
+from ngepc.goals.sides import LawOnCells, ResultOnCells, Sides
 from ngepc.studies.bounds import bounded_example
 from ngepc.studies.examples import example
 
@@ -90,22 +90,21 @@ class Points:
 
 
 def suprema(points, factor):
-    """Upper bound of the supremum at each point, (n,): integrals over parts of size one."""
+    """Upper bound of the supremum at each point, (n,): integrals over cells of size one."""
 
     def constant(values):
-        """Coefficients on parts (n, 3, .) of functions that are constant there."""
+        """Coefficients on cells (n, 3, .) of functions that are constant there."""
         return np.repeat(values[:, None], 3, axis=1)
 
     one = np.ones(len(points.volume))
-    law = LawOnParts(TWO_MU * one, points.hardening * one, BETA * one)
+    law = LawOnCells(TWO_MU * one, points.hardening * one, BETA * one)
     half = 1 / (2 * np.sqrt(BULK))
-    result = ResultOnParts(
+    result = ResultOnCells(
         constant((points.sigma.deviator - points.back) / TWO_MU),
         points.trial[:, None] / TWO_MU,
         constant(half * (points.sigma.mean - BULK * points.volume)),
         law,
         one,
-        np.arange(len(one)),
     )
     sides = Sides.of_adjoint(
         result,
@@ -114,7 +113,7 @@ def suprema(points, factor):
         constant(half * (points.tau.mean - BULK * points.strain.mean)),
         dots(points.stress - points.back, points.strain.deviator),
     )
-    return sides.estimate(1.0, factor)
+    return sides.integrals(1.0, factor)
 
 
 @pytest.mark.parametrize(("d", "hardening"), [(2, 20.0), (3, 1e3), (5, 20.0)])

@@ -1,59 +1,86 @@
-"""The largest value along an arc: derivatives against differences, never below any sample."""
+"""Phi and its means over pieces: beside a search, exact where they should be, and their rates."""
 
 import numpy as np
 import pytest
 
-from ngepc.goals.supremum import Arc, ScaledLaw
-from ngepc.goals.yielding import by_components
+from ngepc.bounds.polynomials import POWERS, tetrahedron_rule
+from ngepc.goals.cutting import potential_integrals
+from ngepc.goals.pieces import (
+    MEANS,
+    RULE,
+    SPLIT,
+    WEIGHTS,
+    applied,
+    dots,
+    mean_squares,
+    on_children,
+    pieces_last,
+)
+from ngepc.goals.supremum import ScaledLaw
+
+COUNT = 40
+FACTOR = 1.7
+CORNERS = {3: 3, 4: 4, 6: 6, 9: 3, 16: 4, 18: 6}
+"""Coefficients on a part, by those on a piece."""
+FINE = {3: POWERS[4, 3], 4: tetrahedron_rule(6), 6: POWERS[4, 6]}
 
 
-@pytest.fixture
-def arc():
-    """Many arcs of different lengths, bent up or down."""
-    random = np.random.default_rng(3)
-    n = 300
-    v = random.uniform(0.2, 3.0, n)
-    least = v * random.uniform(0.0, 0.95, n)  # beta is not negative
-    return Arc(
-        v,
-        least * random.uniform(0.0, 1.0, n),
-        least,
-        random.uniform(0.5, 4.0, n),
-        10 ** random.uniform(-2, 1, n),
-        np.cos(random.uniform(0.1, np.pi, n)),
-    )
+def in_cells(k):
+    """A fine rule for pieces with k coefficients: values from coefficients, and weights."""
+    own, weights = FINE[CORNERS[k]]
+    parts = k // CORNERS[k]
+    return np.kron(np.eye(parts), own), np.tile(weights, parts) / parts
 
 
-def test_derivatives_by_the_angle(arc):
-    h = 1e-4
-    angle = 0.7 * np.arccos(arc.end)
-    here = arc._parts(np.cos(angle), np.sin(angle))
-    ahead = arc._parts(np.cos(angle + h), np.sin(angle + h))
-    behind = arc._parts(np.cos(angle - h), np.sin(angle - h))
-    first = (ahead[0] - behind[0]) / (2 * h)
-    second = (ahead[0] - 2 * here[0] + behind[0]) / h**2
-    np.testing.assert_allclose(here[1], first, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(-here[2], second, rtol=1e-5, atol=1e-5)
+class Drawn:
+    """Pieces around trial stresses between two multiples of the yield bound."""
+
+    def __init__(self, k, d, variation, least=0.2, most=3.0):
+        rng = np.random.default_rng(k + d)
+        self.k = k
+        self.two_mu = rng.uniform(1.0, 3.0, COUNT)
+        self.hardening = self.two_mu * 10 ** rng.uniform(-1, 0, COUNT)
+        self.beta = rng.uniform(0.5, 2.0, COUNT)
+        trial = rng.normal(size=(COUNT, 1, d))
+        size = self.beta * rng.uniform(least, most, COUNT)
+        trial *= (size / np.linalg.norm(trial[:, 0], axis=1))[:, None, None]
+        share = np.minimum(self.beta / size, 1.0)
+        kept = self.hardening + self.two_mu * share
+        kept /= self.two_mu + self.hardening
+        c = (FACTOR / self.two_mu)[:, None, None]
+        spread = variation * c * self.beta[:, None, None]
+        self.w = c * trial + spread * rng.normal(size=(COUNT, k, d))
+        self.pulled = c * kept[:, None, None] * trial
+        self.pulled = self.pulled + spread * rng.normal(size=(COUNT, k, d))
+        self.law = ScaledLaw.of(self.two_mu, self.hardening, self.beta, FACTOR)
+
+    def means(self):
+        return self.law.means(self.pulled, self.w)
+
+    def quadrature(self):
+        places, weights = in_cells(self.k)
+        return searched(self, places @ self.pulled, places @ self.w) @ weights
 
 
-def test_nothing_on_the_arc_is_larger(arc):
-    """And the bound is close: within a few percent of the range of the values."""
-    largest = arc.largest()
-    angles = np.linspace(0, 1, 400)[:, None] * np.arccos(arc.end)
-    values = arc._parts(np.cos(angles), np.sin(angles))[0]
-    assert (largest >= values.max(axis=0) - 1e-12).all()
-    size = 1 + np.abs(values).max(axis=0)
-    assert np.median((largest - values.max(axis=0)) / size) < 1e-3
-    assert ((largest - values.max(axis=0)) / size).max() < 0.2
+def searched(drawn, pulled, w):
+    """Phi at points of each piece (n, k, d), from below: the largest of many plastic strains.
 
-
-def test_nowhere_on_the_arc_it_bends_less(arc):
-    """And at the end of the arc only the slope's part of the bound is not attained."""
-    angles = np.linspace(0, 1, 400)[:, None] * np.arccos(arc.end)
-    bends = arc._parts(np.cos(angles), np.sin(angles))[2]
-    least = arc._least_bend()
-    assert (least <= bends.min(axis=0) + 1e-12 * np.abs(bends).max(axis=0)).all()
-    assert (least >= bends[-1] - 2 * arc.slope - 1e-12 * np.abs(bends[-1])).all()
+    The best direction of the stress is that of rho p + r w.
+    """
+    k = (FACTOR / drawn.two_mu)[:, None]
+    beta = drawn.beta[:, None]
+    kept = (drawn.hardening / (drawn.two_mu + drawn.hardening))[:, None]
+    p_square, both, w_square = dots(pulled, pulled), dots(pulled, w), dots(w, w)
+    y = np.sqrt(p_square + 2 * both + w_square)
+    best = np.where(y <= 2 * k * beta, y**2 / (4 * k), beta * (y - k * beta))
+    v = np.linalg.norm(pulled + kept[..., None] * w, axis=2)
+    for part in np.linspace(0, 1, 200):
+        x = part * v / (2 * k * kept)
+        rho = beta + x
+        r = beta + kept * x
+        square = rho**2 * p_square + 2 * rho * r * both + r**2 * w_square
+        best = np.maximum(best, np.sqrt(square) - k * rho * r)
+    return best
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
@@ -64,8 +91,7 @@ def test_the_potential_is_a_supremum_of_affine_functions(d):
     two_mu = random.uniform(1.0, 3.0, n)
     hardening = two_mu * 10 ** random.uniform(-2, 0, n)
     beta = random.uniform(0.5, 2.0, n)
-    factor = 1.7
-    law = ScaledLaw.of(two_mu, hardening, beta, factor)
+    law = ScaledLaw.of(two_mu, hardening, beta, FACTOR)
     pulled, w = random.normal(size=(2, n, 3, d))
     found = law.potential(pulled, w)
     size = np.sqrt((pulled**2).sum(axis=2)) + np.sqrt((w**2).sum(axis=2))
@@ -79,17 +105,107 @@ def test_the_potential_is_a_supremum_of_affine_functions(d):
         kept = (hardening[:, None] + two_mu[:, None] * share) / modulus[:, None]
         stress = kept[..., None] * t
         value = (pulled * t + w * stress).sum(axis=2)
-        value -= factor / two_mu[:, None] * (t * stress).sum(axis=2)
+        value -= FACTOR / two_mu[:, None] * (t * stress).sum(axis=2)
         best = np.maximum(best, value)
     assert (best <= found + 1e-12 * size).all()
     assert np.median(best / found) > 0.7
 
-    middle = law.potential(pulled.mean(axis=1)[:, None], w.mean(axis=1)[:, None])
-    assert (middle[:, 0] <= found.mean(axis=1) * (1 + 1e-4)).all()
 
-    points = pulled.reshape(-1, 1, d), w.reshape(-1, 1, d)
-    law = law.repeated(3)
-    elastic = law.elastic(*map(by_components, points))
-    exact = law.quadratic(*points, 1.0)
-    np.testing.assert_allclose(found.ravel()[elastic], exact[elastic])
-    assert 0.0 < elastic.mean() < 1.0
+@pytest.mark.parametrize("along", [0.2, 0.8, 1.5, 4.0])
+def test_it_is_attained_where_both_arguments_have_one_direction(along):
+    """There r does not matter, and A + r v is as long as its parts."""
+    drawn = Drawn(3, 3, 0.0)
+    n = np.array([0.6, -0.8, 0.0])
+    drawn.pulled = np.broadcast_to(along * n, (COUNT, 3, 3))
+    drawn.w = 0.3 * drawn.pulled
+    bound, estimate = drawn.means()
+    p = FACTOR / drawn.two_mu
+    y = 1.3 * along
+    v = along + drawn.hardening / drawn.two_mu * y
+    H = drawn.hardening / drawn.two_mu
+    beyond = np.maximum(v - p * drawn.beta * (1 + 2 * H), 0.0)
+    yields = drawn.beta * y - p * drawn.beta**2 + beyond**2 / (4 * p * H * (1 + H))
+    exact = np.where(y <= 2 * p * drawn.beta, y**2 / (4 * p), 0.0)
+    exact = np.maximum(exact, yields)
+    np.testing.assert_allclose(bound, exact, rtol=1e-12)
+    np.testing.assert_allclose(estimate, exact, rtol=1e-12)
+    found = drawn.law.potential(drawn.pulled, drawn.w)
+    np.testing.assert_allclose(found, np.repeat(exact[:, None], 3, axis=1), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("k", "d"), [(3, 2), (4, 5), (6, 3), (9, 2), (16, 5), (18, 3)])
+@pytest.mark.parametrize("variation", [0.4, 0.1])
+def test_means_lie_above_quadrature(k, d, variation):
+    """Closer than the means of the values at the coefficients, in the median."""
+    drawn = Drawn(k, d, variation)
+    bound, _ = drawn.means()
+    exact = drawn.quadrature()
+    assert (bound - exact >= -1e-12 * np.abs(exact)).all()
+    coefficients = drawn.law.potential(drawn.pulled, drawn.w).mean(axis=1)
+    assert np.median((bound - exact) / (coefficients - exact)) < 1.5 * variation
+
+
+def test_the_excess_is_of_third_order():
+    """Half the variation of y and v leaves an eighth of it, and a quarter of other bounds."""
+    excess = []
+    for variation in (0.08, 0.04):
+        drawn = Drawn(3, 2, variation, 1.3, 2.5)
+        excess.append(drawn.means()[0] - drawn.quadrature())
+    large = excess[0] > 1e-4
+    assert large.sum() > 3
+    assert np.median(np.log2(excess[0][large] / excess[1][large])) > 2.6
+
+
+@pytest.mark.parametrize("k", [3, 4, 6, 9, 16, 18])
+def test_it_is_exact_where_nothing_may_yield(k):
+    drawn = Drawn(k, 3, 0.05, 0.2, 0.6)
+    y = drawn.pulled + drawn.w
+    square = mean_squares(pieces_last(y)) * drawn.two_mu / (4 * FACTOR)
+    for found in drawn.means():
+        np.testing.assert_allclose(found, square, rtol=1e-12)
+
+
+def test_means_without_hardening():
+    """beta |y| - k beta^2 beside values at many points; infinite where |v| exceeds k beta."""
+    rng = np.random.default_rng(4)
+    beta, k = 2.0, 0.5
+    law = ScaledLaw(np.full(6, beta), np.full(6, k), np.zeros(6))
+    y = 0.3 * rng.normal(size=(6, 3, 3)) + np.array([4.0, 0, 0])
+    v = 0.2 * rng.normal(size=(6, 3, 3))
+    v[0, 0, 0] = 2.0
+    bound, estimate = law.means(v, y - v)
+    shares = rng.dirichlet(np.ones(3), 20_000)
+    inside = np.linalg.norm(np.einsum("qk,nkd->nqd", shares, y), axis=2).mean(axis=1)
+    value = beta * inside - k * beta**2
+    assert np.isinf(bound[0])
+    assert np.isinf(estimate[0])
+    assert (bound[1:] > value[1:] - 5e-3).all()
+    assert bound[1:] == pytest.approx(value[1:], rel=0.01)
+    assert estimate[1:] == pytest.approx(value[1:], rel=0.01)
+
+
+@pytest.mark.parametrize(("k", "d"), [(9, 2), (16, 5), (18, 3)])
+def test_integrals_lie_above_quadrature_and_near_it(k, d):
+    drawn = Drawn(k, d, 0.3)
+    volume = np.random.default_rng(1).uniform(0.5, 2.0, COUNT)
+    rest = np.zeros(COUNT)
+    parts = drawn.law, drawn.pulled, drawn.w, volume
+    found = potential_integrals(*parts, rest)
+    exact = volume * drawn.quadrature()
+    assert (found >= exact * (1 - 1e-12)).all()
+    assert found.sum() < 1.05 * exact.sum()
+
+
+@pytest.mark.parametrize("k", [3, 4, 6, 9, 16, 18])
+def test_children_have_the_means_of_their_parents(k):
+    """Of squares: the mean over the children is that over the piece, by table and by rule."""
+    rng = np.random.default_rng(k)
+    values = rng.normal(size=(7, k, 2))
+    whole = mean_squares(pieces_last(values))
+    children = on_children(values)
+    of_children = mean_squares(pieces_last(children))
+    count = len(SPLIT[k])
+    np.testing.assert_allclose(of_children.reshape(count, 7).mean(axis=0), whole)
+    at = applied(RULE[k], values)
+    np.testing.assert_allclose((at**2).sum(axis=2) @ WEIGHTS[k], whole)
+    assert MEANS[k].sum() == pytest.approx(1.0)
