@@ -10,7 +10,7 @@ import numpy as np
 
 from ngepc.bounds.polynomials import worth_keeping
 from ngepc.bounds.simplices import of_cells
-from ngepc.goals.pieces import SPLIT, on_children
+from ngepc.goals.pieces import SPLIT, child_coefficients
 from ngepc.goals.supremum import ScaledLaw
 from ngepc.goals.supremum_of_laws import SearchedLaw
 
@@ -55,8 +55,12 @@ def potential_integrals(
         cut = np.flatnonzero(~kept)
         count = len(SPLIT[pulled.shape[1]])
         parents = np.tile(cut, count)
-        pulled = on_children(of_cells(pulled, cut))
-        w = of_cells(w, parents) if w.shape[1] == 1 else on_children(of_cells(w, cut))
+        pulled = child_coefficients(of_cells(pulled, cut))
+        w = (
+            of_cells(w, parents)
+            if w.shape[1] == 1
+            else child_coefficients(of_cells(w, cut))
+        )
         law = law.of_points(parents)
         volume = volume[parents] / count
         cell = cell[parents]

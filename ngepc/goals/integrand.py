@@ -212,7 +212,7 @@ def form_of(law: Law, points: slice) -> np.ndarray | None:
     return law.form[points] if isinstance(law, HillLaw) else None
 
 
-def coefficients_of(bound_data: BoundData, values: np.ndarray, k: int) -> np.ndarray:
+def given_coefficients(bound_data: BoundData, values: np.ndarray, k: int) -> np.ndarray:
     """Coefficients (cells, k, c) of functions that are given at the points (., c)."""
     each = bound_data.each
     if each == 1:
@@ -234,7 +234,7 @@ def varying_data(
 
     def on_cells(values: np.ndarray) -> np.ndarray:
         """Coefficients of functions that are given at the points."""
-        return coefficients_of(bound_data, values, tau.shape[1])
+        return given_coefficients(bound_data, values, tau.shape[1])
 
     names = ("bulk", "two_mu", "hardening", "beta")
     first = slice(None, None, each)
@@ -271,7 +271,7 @@ def sub_elements(
         own = {"bulk": share * whole.law["bulk"]}
         for name in ("two_mu", "hardening", "beta"):
             own[name] = np.asarray(getattr(part, name))[:: bound_data.each]
-        trial = coefficients_of(bound_data, one.trial, whole.k)
+        trial = given_coefficients(bound_data, one.trial, whole.k)
         back = np.zeros_like(trial)
         found.append(replace(whole, trial=trial, back=back, law=own, resistance=None))
     return tuple(found)

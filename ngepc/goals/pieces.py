@@ -89,7 +89,7 @@ def at_rule(values: np.ndarray) -> np.ndarray:
     return applied(RULE[values.shape[1]], values)
 
 
-def on_children(values: np.ndarray) -> np.ndarray:
+def child_coefficients(values: np.ndarray) -> np.ndarray:
     """Coefficients on the first children of pieces (n, k, d), then on the second ones, ..."""
     k, d = values.shape[1:]
     table = SPLIT[k]

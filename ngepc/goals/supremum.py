@@ -57,7 +57,7 @@ from ngepc.goals.pieces import (
 AT_ONCE = 36_000
 """Coefficients that are treated at once."""
 MOST = 0.7
-"""Pieces are copied where fewer than this part of them are needed."""
+"""Arguments are copied where fewer than this part of them are needed."""
 LEAST = 0.3
 """r is zero where it would be below this part of beta: (|A| - A_n)/r is large there."""
 INSIDE = {1: 1.0, 3: 1 / 4, 4: 1 / 5, 6: 2 / 5, 9: 1 / 4, 16: 1 / 5, 18: 2 / 5}
@@ -121,12 +121,12 @@ class ScaledLaw:
 
     def pieces(
         self, pulled: np.ndarray, w: np.ndarray, chosen: slice | np.ndarray
-    ) -> tuple[ScaledLaw, Pieces]:
+    ) -> tuple[ScaledLaw, Arguments]:
         """The law and y and v on some of the pieces."""
         law = self.of_points(chosen)
         p = pieces_last(of_cells(pulled, chosen))
         y = p + pieces_last(of_cells(w, chosen))
-        return law, Pieces.of(y, p + law.H * y)
+        return law, Arguments.of(y, p + law.H * y)
 
     def potential(self, pulled: np.ndarray, w: np.ndarray) -> np.ndarray:
         """No less than Phi at points of pieces, (n, k), from q/(2 mu_2) and w there."""
@@ -138,7 +138,7 @@ class ScaledLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class Arguments:
     """Coefficients (k, d, n) of y and v on pieces, and their norms (k, n)."""
 
     y: np.ndarray
@@ -147,24 +147,26 @@ class Pieces:
     of_v: np.ndarray
 
     @classmethod
-    def of(cls, y: np.ndarray, v: np.ndarray) -> Pieces:
+    def of(cls, y: np.ndarray, v: np.ndarray) -> Arguments:
         """The same from y and v."""
         return cls(y, v, np.sqrt(products(y, y)), np.sqrt(products(v, v)))
 
-    def at(self, chosen: np.ndarray) -> Pieces:
+    def at(self, chosen: np.ndarray) -> Arguments:
         """Some of the pieces."""
-        return Pieces(*(value.take(chosen, axis=-1) for value in vars(self).values()))
+        return Arguments(
+            *(value.take(chosen, axis=-1) for value in vars(self).values())
+        )
 
-    def points(self) -> Pieces:
+    def points(self) -> Arguments:
         """The values at all coefficients, as constants on pieces: first those of the first ones."""
         vectors = (
             x.swapaxes(0, 1).reshape(1, x.shape[1], -1) for x in (self.y, self.v)
         )
-        return Pieces(*vectors, self.of_y.reshape(1, -1), self.of_v.reshape(1, -1))
+        return Arguments(*vectors, self.of_y.reshape(1, -1), self.of_v.reshape(1, -1))
 
-    def centres(self) -> Pieces:
+    def centres(self) -> Arguments:
         """Their means, as constants."""
-        return Pieces.of(mean_of(self.y)[None], mean_of(self.v)[None])
+        return Arguments.of(mean_of(self.y)[None], mean_of(self.v)[None])
 
 
 class Field(NamedTuple):
@@ -175,7 +177,7 @@ class Field(NamedTuple):
     along: np.ndarray
 
 
-def smooth_means(law: ScaledLaw, pieces: Pieces) -> np.ndarray:
+def smooth_means(law: ScaledLaw, pieces: Arguments) -> np.ndarray:
     """Means of Phi over pieces: upper bounds and estimates, (2, n).
 
     They are NaN for pieces that may yield in part, see ``mixed_means``.
@@ -203,29 +205,29 @@ def smooth_means(law: ScaledLaw, pieces: Pieces) -> np.ndarray:
     return found
 
 
-def tangents(law: ScaledLaw, centres: Pieces) -> tuple[np.ndarray, np.ndarray]:
+def tangents(law: ScaledLaw, centres: Arguments) -> tuple[np.ndarray, np.ndarray]:
     """About the best r for D = y, (n,), and the direction of beta y + r v, (d, n)."""
     y, v = centres.y[0], centres.v[0]
     size = centres.of_v[0]
     bend = 2 * np.where(law.H > 0, law.bend, 1.0)
     r = np.maximum(size - law.start, 0.0) / bend
-    n, length = direction(law.beta * y + r * v)  # one Newton step is enough
+    n, length = unit_and_size(law.beta * y + r * v)  # one Newton step is enough
     along = products(n, v)
     across = np.maximum(size**2 - along**2, 0.0)
     soft = np.maximum(bend - across / length, bend / 2)
     r = np.maximum(r + (along - law.start - bend * r) / soft, 0.0)
     r = np.where((r >= LEAST * law.beta) & (law.H > 0), r, 0.0)
-    return r, direction(law.beta * y + r * v)[0]
+    return r, unit_and_size(law.beta * y + r * v)[0]
 
 
-def direction(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def unit_and_size(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Directions and sizes of vectors (d, n)."""
     size = np.maximum(np.sqrt(products(vectors, vectors)), TINY)
     return vectors / size, size
 
 
 def yielding_means(
-    law: ScaledLaw, pieces: Pieces, r: np.ndarray, n: np.ndarray, y_n: np.ndarray
+    law: ScaledLaw, pieces: Arguments, r: np.ndarray, n: np.ndarray, y_n: np.ndarray
 ) -> np.ndarray:
     """Means of sup F - k beta^2 for D = y: upper bounds and estimates, (2, n)."""
     A = Field(law.beta * pieces.y, law.beta * pieces.of_y, law.beta * y_n)
@@ -233,7 +235,7 @@ def yielding_means(
     return np.stack(largest_means(law, A, v, r)) - law.k * law.beta**2
 
 
-def mixed_means(law: ScaledLaw, pieces: Pieces) -> np.ndarray:
+def mixed_means(law: ScaledLaw, pieces: Arguments) -> np.ndarray:
     """Means of Phi over pieces: upper bounds and estimates, (2, n).
 
     D is what of the coefficients of y exceeds 2 k beta, or the mean of values is taken.
@@ -241,7 +243,7 @@ def mixed_means(law: ScaledLaw, pieces: Pieces) -> np.ndarray:
     r, _ = tangents(law, pieces.centres())
     beyond = np.maximum(pieces.of_y - 2 * law.k * law.beta, 0.0)
     D = pieces.y * (beyond / np.maximum(pieces.of_y, TINY))[:, None]
-    n, _ = direction(law.beta * mean_of(D) + r * mean_of(pieces.v))
+    n, _ = unit_and_size(law.beta * mean_of(D) + r * mean_of(pieces.v))
     A = Field(law.beta * D, law.beta * beyond, law.beta * products(D, n))
     v = Field(pieces.v, pieces.of_v, products(pieces.v, n))
     bound, _ = largest_means(law, A, v, r)
@@ -254,7 +256,7 @@ def mixed_means(law: ScaledLaw, pieces: Pieces) -> np.ndarray:
     return np.stack([bound, estimate])
 
 
-def values(law: ScaledLaw, pieces: Pieces) -> np.ndarray:
+def values(law: ScaledLaw, pieces: Arguments) -> np.ndarray:
     """No less than Phi at the coefficients of pieces, (k, n)."""
     shape = pieces.of_y.shape
     points = pieces.points()

@@ -11,9 +11,9 @@ from ngepc.goals.pieces import (
     SPLIT,
     WEIGHTS,
     applied,
+    child_coefficients,
     dots,
     mean_squares,
-    on_children,
     pieces_last,
 )
 from ngepc.goals.supremum import ScaledLaw
@@ -202,7 +202,7 @@ def test_children_have_the_means_of_their_parents(k):
     rng = np.random.default_rng(k)
     values = rng.normal(size=(7, k, 2))
     whole = mean_squares(pieces_last(values))
-    children = on_children(values)
+    children = child_coefficients(values)
     of_children = mean_squares(pieces_last(children))
     count = len(SPLIT[k])
     np.testing.assert_allclose(of_children.reshape(count, 7).mean(axis=0), whole)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ngepc.bounds.polynomials import NODES, TO_NODES, coefficients
-from ngepc.goals.pieces import SPLIT, WEIGHTS, at_rule, on_children
+from ngepc.goals.pieces import SPLIT, WEIGHTS, at_rule, child_coefficients
 from ngepc.goals.varying import NAMES, VaryingData, sides_of
 
 TWO_MU = 2e3
@@ -70,7 +70,7 @@ def searched(law, pulled, w):
 def cut(data):
     """The data on the children of all cells."""
     count = len(SPLIT[data.k])
-    values = {name: on_children(getattr(data, name)) for name in NAMES}
+    values = {name: child_coefficients(getattr(data, name)) for name in NAMES}
     law = {name: np.tile(value, count) for name, value in data.law.items()}
     return replace(data, **values, law=law, size=np.tile(data.size, count) / count)
 
