@@ -60,7 +60,6 @@ SLOW = (
     "bounds/test_thickness.py",
     "bounds/test_thin.py",
     "goals/test_verdicts.py",
-    "goals/test_yielding.py",
     "bridges/test_functions.py",
     "campaigns",
     "cli",
