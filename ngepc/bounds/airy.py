@@ -174,15 +174,18 @@ class AirySpace:
         """Fixed unknowns of vertices; edges whose unknowns ``bend`` and ``even`` are free."""
         c = self._cells
         given = self._boundary.given
-        closed = c.outer & given.all(axis=1)
+        first, second = given.T
+        closed = c.outer & first & second
         closed[self._boundary.slanted] = False
-        single = c.outer & given.any(axis=1) & ~given.all(axis=1)
+        single = c.outer & (first ^ second)
         self._directions = np.where(single[:, None], ~given, 0.0)
         self._directions[self._boundary.slanted] = self._boundary.directions
-        rolled = self._directions.any(axis=1)
+        rolled = single.copy()
+        rolled[self._boundary.slanted] = True
         across = np.abs(np.einsum("ei,ei->e", self._directions, c.normal)) > LEVEL
         # edges along which the function is affine:
         self._affine = closed | (rolled & ~across)
+        self._rolled = rolled
         self._constant = [closed | (single & given[:, k]) for k in (0, 1)]
         vertex = np.zeros((len(c.points), 3), dtype=bool)
         vertex[c.facets[self._affine].ravel(), 0] = True
@@ -243,11 +246,10 @@ class AirySpace:
     def alone(self, chosen: np.ndarray) -> AirySpace:
         """The space on some of the triangles; unknowns that others share are not free."""
         part = self.of(chosen)
-        part.numbers, places, times = np.unique(
-            part.unknowns, return_inverse=True, return_counts=True
-        )
-        part.unknowns = places.reshape(part.unknowns.shape)
-        part.free = self.free[part.numbers] & (times == self._times[part.numbers])
+        times = np.bincount(part.unknowns.ravel(), minlength=len(self.free))
+        part.numbers = np.flatnonzero(times)
+        part.unknowns = (np.cumsum(times > 0) - 1)[part.unknowns]
+        part.free = (self.free & (times == self._times))[part.numbers]
         part.vertices = int(np.searchsorted(part.numbers, self.vertices))
         part.frames = self.frames.among(part.numbers[: part.vertices : 3] // 3)
         return part
@@ -283,7 +285,7 @@ class AirySpace:
         self._J = J
         self._across = across
         self._along = np.einsum("kjt,kjt->kt", directions, tangents) / size
-        edge, cell = np.nonzero(self._directions.any(axis=1)[c.facet_of.T])
+        edge, cell = np.nonzero(self._rolled[c.facet_of.T])
         d = self._directions[c.facet_of[cell, edge]]
         over = np.einsum("rj,jr->r", d, normal[:, edge, cell])
         beside = np.einsum("rj,rj->r", d, tangents[edge, :, cell]) / size[edge, cell]

@@ -21,8 +21,11 @@ from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.simplices import FACETS, stable_order
 
 BALANCED = 1e-8  # tolerance of equilibrium relative to the largest corner force
-ROUNDING = 1e-13
-"""Residual, relative to the largest moment, above which another pass is made."""
+ROUNDING = 1e-12
+"""Residual, relative to the largest moment, above which another pass is made.
+
+Nodal forces may miss equilibrium by as much, which no pass mends.
+"""
 
 PASSES = 2
 ENCODED = 8

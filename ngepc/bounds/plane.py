@@ -118,7 +118,7 @@ class TangentCompliance:
         return self.compliance_of
 
 
-OF_MODEL = ("centre", "_values", "_gradient", "compliance", "_yields")
+OF_MODEL = ("centre", "at_centre", "_gradient", "compliance", "_yields")
 
 
 class SecondOrderModel:
@@ -129,7 +129,7 @@ class SecondOrderModel:
         at = functional.conjugate.completed(centre)
         self.space = functional.space
         self.centre = centre
-        self._values = functional.values(centre, at)
+        self.at_centre = functional.values(centre, at)
         self._gradient = functional.conjugate.gradient(at) - functional.strain
         self.compliance = functional.conjugate.compliance(at)
         self._yields = (at.over > 0).any(axis=1)
@@ -148,7 +148,7 @@ class SecondOrderModel:
         change = z - self.centre
         gradient = strain_of(self.compliance, change) + self._gradient
         work = np.einsum("tqc,tqc->tq", change, gradient + self._gradient)
-        values = self._values + self.space.area * (work @ self.space.rule.weights) / 2
+        values = self.at_centre + self.space.area * (work @ self.space.rule.weights) / 2
         return values, gradient
 
     def linearised(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -221,7 +221,8 @@ def tightened(
         if step == 0:
             part.space.add_stress(x, z)
         else:
-            z[there] = descended(part, of_cells(z, there), part.space.stress(x))
+            change = part.space.stress(x)
+            z[there] = descended(part, model.centre, change, model.at_centre.sum())
         if step == effort.newton:
             break
         remainder = model.remainder(part, of_cells(z, there))
@@ -238,17 +239,14 @@ def tightened(
 
 
 def descended(
-    functional: StressFunctional, z: np.ndarray, step: np.ndarray
+    functional: StressFunctional, z: np.ndarray, step: np.ndarray, value: float
 ) -> np.ndarray:
-    """z plus the longest of 1, 1/2, 1/4, ... times the step that lowers the value."""
+    """z plus the longest of 1, 1/2, 1/4, ... times the step that lowers the ``value`` at z."""
     length = 1.0
-    value = functional.values(z, functional.conjugate.completed(z)).sum()
     while length > SHORTEST:
         trial = z + length * step
-        if (
-            functional.values(trial, functional.conjugate.completed(trial)).sum()
-            <= value
-        ):
+        at = functional.conjugate.completed(trial)
+        if functional.values(trial, at).sum() <= value:
             return trial
         length /= 2
     return z
