@@ -33,56 +33,43 @@ class VertexGraph:
         self.ends = np.empty((int(edges.max()) + 1, 2), dtype=np.int32)
         self.ends[edges, 0] = np.minimum(first, second)
         self.ends[edges, 1] = np.maximum(first, second)
-        size = np.bincount(self.ends[:, 0], minlength=self.count)
-        before = np.cumsum(size) - size
-        row = self.ends[:, 0]
-        number = np.arange(len(self.ends))
-        self._places = 9 * before[row] + 3 * (number - before[row])
-        self._width = 3 * size[row]
-        self.starts = np.append(0, np.cumsum(np.repeat(3 * size, 3)))
 
-    def rows(self, edges: np.ndarray) -> list[np.ndarray]:
-        """Where the three rows of the blocks of some edges begin.
+    def starts(self) -> np.ndarray:
+        """Where the rows of the entries of edges begin, see ``VertexMatrix``."""
+        first = np.searchsorted(self.ends[:, 0], np.arange(self.count))
+        rows = 3 * len(self.ends) * np.arange(3)[:, None] + 3 * first
+        return np.append(rows.ravel(), 9 * len(self.ends)).astype(np.int32)
 
-        Numbers stand row by row in an array of all entries above the diagonal.
-        """
-        first = self._places[edges]
-        width = self._width[edges]
-        return [first, first + width, first + 2 * width]
-
-    def places(self, edges: np.ndarray) -> np.ndarray:
-        """Where all numbers of these blocks are, (3, 3, edges)."""
-        return np.stack(self.rows(edges))[:, None] + np.arange(3)[:, None]
-
-    @property
     def columns(self) -> np.ndarray:
-        """The columns of these entries."""
-        result = np.empty(9 * len(self.ends), dtype=np.int32)
-        every = np.arange(len(self.ends))
-        result[self.places(every)] = 3 * self.ends[:, 1] + np.arange(3)[:, None]
-        return result
+        """The columns of the entries of edges."""
+        columns = 3 * self.ends[:, 1, None] + np.arange(3, dtype=np.int32)
+        return np.tile(columns.ravel(), 3)
 
 
 class VertexMatrix:
-    """The sum of blocks (3, 3) of the vertices and edges of a graph."""
+    """The sum of blocks (3, 3) of the vertices and edges of a graph.
+
+    The rows of blocks of edges belong to the smaller vertex: first the upper rows of all blocks,
+    (ne, 3) numbers, then those in the middle, then the lower ones.
+    """
 
     def __init__(self, graph: VertexGraph) -> None:
         self._graph = graph
         self._own = np.zeros((3, 3, graph.count))
         data = np.zeros(9 * len(graph.ends))
         shape = 2 * (3 * graph.count,)
-        self._above = csr_matrix((data, graph.columns, graph.starts), shape=shape)
+        self._above = csr_matrix((data, graph.columns(), graph.starts()), shape=shape)
         self._below = self._above.T
 
     def add(self, cells: slice, corners: np.ndarray) -> None:
         """Add the blocks ``corners`` (3, 3, 6, n) of the pairs ``BLOCKS`` of some triangles."""
-        graph = self._graph
-        vertices = graph.vertices[:, cells].ravel()
-        turned = graph.turned[:, cells]
-        rows = graph.rows(graph.edges[:, cells].ravel())
+        vertices = self._graph.vertices[:, cells].ravel()
+        turned = self._graph.turned[:, cells]
+        places = 3 * self._graph.edges[:, cells].ravel()
+        rows = self._above.data.reshape(3, -1)
         for i, j in np.ndindex(3, 3):
             values = np.where(turned, corners[j, i, 3:], corners[i, j, 3:])
-            np.add.at(self._above.data[j:], rows[i], values.ravel())
+            np.add.at(rows[i, j:], places, values.ravel())
             if i <= j:
                 np.add.at(self._own[i, j], vertices, corners[i, j, :3].ravel())
 
@@ -98,7 +85,8 @@ class VertexMatrix:
             sum(self._own[min(i, j), max(i, j)] * each[j] for j in range(3))
             for i in range(3)
         ]
-        return np.stack(own, axis=1).ravel() + self._above @ x + self._below @ x
+        above = np.stack(own) + (self._above @ x).reshape(3, -1)
+        return above.T.ravel() + self._below @ each.ravel()
 
     def inverse_blocks(self, vertices: np.ndarray, free: np.ndarray) -> np.ndarray:
         """Inverses (., 3, 3) of the blocks of some vertices, zero where not ``free`` (., 3)."""
@@ -114,8 +102,8 @@ class VertexMatrix:
         vertices = np.flatnonzero(there)
         first, second = self._graph.ends.T
         edges = np.flatnonzero(there[first] & there[second])
-        above = self._above.data[self._graph.places(edges)]
-        below = above.swapaxes(0, 1)
+        above = self._above.data.reshape(3, -1, 3)[:, edges]
+        below = above.transpose(2, 0, 1)
         blocks = np.concatenate([self.blocks(vertices), below], axis=2)
         i = 3 * np.concatenate([vertices, second[edges]]) + np.arange(3)[:, None, None]
         j = 3 * np.concatenate([vertices, first[edges]]) + np.arange(3)[:, None]
