@@ -1,5 +1,11 @@
-"""Receipts of rectangles with a uniform stress: their energies and goals are known as fractions."""
+"""Receipts of bodies with a uniform stress: their energies and goals are known as fractions.
 
+Each term of rounding that an interval can show has bodies on which the rest is not enough: needles
+for the densities, far motions across the loads for the works.  What equilibrium misses by rounding
+changes energies by products of two errors, and no interval can show it: forces are compared.
+"""
+
+import math
 from fractions import Fraction
 
 import numpy as np
@@ -24,14 +30,22 @@ class Rectangle:
         self.law[3] = 2**20 * strain * moduli
         points = np.array([(i, j) for i in range(n + 1) for j in range(n + 1)])
         self.points = points * self.size
-        inside = (points > 0).all(axis=1) & (points < n).all(axis=1)
-        self.inside = inside
+        self.inside = (points > 0).all(axis=1) & (points < n).all(axis=1)
         self.cells, self.other = triangles(n)
-        self.values = [self.points @ G.T for G in (A, C)]
+        self.area = n**2 * np.prod(self.size)
+        self.strained(A, C)
+
+    def strained(self, A, C, shift=0):
+        """Displacements A x + ``shift`` and C x, and what belongs to them."""
+        self.values = [self.points @ A.T + shift, self.points @ C.T]
         self.stresses = [self.stress(G) for G in (A, C)]
-        self.energy = (self.stresses[0] * A).sum() / 2 * n**2 * np.prod(self.size)
+        self.energy = (self.stresses[0] * A).sum() / 2 * self.area
         self.goal = Fraction(0)
         self.loads()
+
+    def is_held(self, ends):
+        """Whether the side between two nodes is held."""
+        return not self.points[ends, 0].any()
 
     def stress(self, G):
         """Hooke's law in two dimensions."""
@@ -54,7 +68,7 @@ class Rectangle:
             )
             u, z = (values[ends].mean(axis=0) for values in self.values)
             pulls = [S @ normal for S in self.stresses]
-            if not self.points[ends, 0].any():
+            if self.is_held(ends):
                 self.held[:, number] = True
                 self.goal -= pulls[0] @ z
                 continue
@@ -97,6 +111,52 @@ class Rectangle:
         return energy and proved["goal lower"] <= self.goal <= proved["goal upper"]
 
 
+class Needles(Rectangle):
+    """A parallelogram of needles, held on its whole boundary: elastic, or plastic everywhere.
+
+    Nodes have long coordinates, so that products of their differences are rounded, and strains are
+    small differences of them.  The strain of the adjoint has the direction of that of the body.
+    """
+
+    EDGES = np.array([[55, 89], [89, 144]], dtype=object)
+
+    def __init__(self, random, plastic, n=2):
+        grid = np.array([(i, j) for i in range(n + 1) for j in range(n + 1)])
+        moved = fractions(random, grid.shape, 2**6)
+        self.points = grid @ self.EDGES * 2**24 + moved
+        self.inside = (grid > 0).all(axis=1) & (grid < n).all(axis=1)
+        self.cells, self.other = triangles(n)
+        corners = self.points[self.cells]
+        E = corners[1:] - corners[:1]
+        det = E[0, :, 0] * E[1, :, 1] - E[0, :, 1] * E[1, :, 0]
+        self.area = abs(det).sum() / 2
+        self.law = 1 + abs(fractions(random, 4, 8))
+        size = 10 * Fraction(int(random.integers(1, 4)))
+        self.law[3] = 2**20 if not plastic else 2 * self.law[1] * size / 4
+        e = size / 10 * np.array([[1, 7], [7, -1]], dtype=object)
+        e = e.T if random.random() < 0.5 else e[::-1] * [[1], [-1]]
+        mean = fractions(random, 2, 5)
+        one = np.eye(2, dtype=int)
+        self.strain = e + mean[0] * one
+        self.strained(self.strain, e / 2 + mean[1] * one)
+        if plastic:
+            self.yielding(e, size)
+
+    def is_held(self, ends):
+        """All sides are."""
+        return True
+
+    def yielding(self, e, size):
+        """Stress, energy and goal where a strain with this deviator, and its size, yields."""
+        mu, h, beta = self.law[1:]
+        over = 2 * mu * size - beta
+        lost = 2 * mu / (2 * mu + h)
+        self.stresses[0] = self.stresses[0] - lost * over / size * e
+        self.stresses[1] = self.stresses[1] - lost * mu * e  # that of its strain e/2
+        self.energy -= over**2 / (2 * (2 * mu + h)) * self.area
+        self.goal += lost * over / size * (e * e).sum() / 2 * self.area
+
+
 def fractions(random, shape, largest):
     """Random whole numbers."""
     numbers = random.integers(-largest, largest + 1, shape)
@@ -131,6 +191,170 @@ def test_rounding_is_enclosed(seed):
     proved = unit.proved(*unit.file())
     assert unit.is_inside(proved)
     assert proved["upper"] - proved["lower"] < 1e-6 * max(abs(unit.energy), 1)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_stress_that_misses_equilibrium_proves_nothing_false(seed):
+    """That of any displacement: nothing but what equilibrium misses is between the bounds."""
+    random = np.random.default_rng(seed)
+    body = Rectangle(random)
+    arrays, header = body.file(2.0 ** random.integers(-3, 4))
+    inner = arrays["u"][:, :, body.inside]
+    arrays["u"][:, :, body.inside] += random.normal(size=inner.shape)
+    trial = check_receipt.opened(packed(arrays, header), header).trial
+    arrays["stress"][:] = trial
+    assert body.is_inside(body.proved(arrays, header))
+
+
+@pytest.mark.parametrize("plastic", [False, True])
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_of_energies_is_enclosed(seed, plastic):
+    """Needles, whose strains are differences of long products; sums are exact enough."""
+    body = Needles(np.random.default_rng(seed), plastic)
+    assert body.is_inside(body.proved(*body.file(2.0**10)))
+
+
+@pytest.mark.parametrize("end", ["goal lower", "goal upper"])
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_of_goals_is_enclosed(seed, end):
+    """Without any stress equilibrium is exact, and the adjoint -u or u makes one end exact."""
+    body = Needles(np.random.default_rng(seed), False)
+    sign = 1 if end == "goal lower" else -1
+    body.strained(body.strain, sign * body.strain)
+    arrays, header = body.file(1.0)
+    arrays["stress"][:] = 0
+    assert body.is_inside(body.proved(arrays, header))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_of_works_is_enclosed(seed):
+    """A far motion across the tractions, whose works are small differences of long products."""
+    random = np.random.default_rng(seed)
+    body = Rectangle(random)
+    a, b = fractions(random, 2, 2**9) * 2 + 1
+    body.law[:2] = 0, 2
+    C = fractions(random, (2, 2), 8)
+    far = np.array([a, b]) * (int(random.integers(2**40, 2**41)) * 2 + 1)
+    body.strained(np.array([[b * b, -a * b], [-a * b, a * a]]), C, far)
+    body.law[3] = 2**60
+    proved = body.proved(*body.file())
+    assert body.is_inside(proved)
+
+
+def root_of(x):
+    """The root of a fraction to 200 digits of base two."""
+    shift = 2 * (200 + x.denominator.bit_length())
+    return Fraction(math.isqrt((x.numerator << shift) // x.denominator), 1) / (
+        1 << shift // 2
+    )
+
+
+def exact_forces(arrays, held):
+    """Sizes of the components of all forces on cells, of uniform stresses without body forces."""
+    half = 1 / root_of(Fraction(2))
+    basis = np.array([np.eye(2), [[1, 0], [0, -1]], [[0, 1], [1, 0]]], dtype=int) * half
+    exact = np.vectorize(Fraction, otypes=[object])
+    points, stress = exact(arrays["points"]).T, exact(arrays["stress"][:, :, 0])
+    cells, other = arrays["cells"].astype(int), arrays["other"].astype(int).ravel()
+    K = cells.shape[1]
+    normals, tractions = {}, {}
+    for place in range(3 * K):
+        side, cell = divmod(place, K)
+        i, j = np.delete(np.arange(3), side)
+        along = points[cells[j, cell]] - points[cells[i, cell]]
+        normal = np.array([along[1], -along[0]])
+        if normal @ (points[cells[i, cell]] - points[cells[side, cell]]) < 0:
+            normal = -normal
+        normals[place] = normal
+        S = [np.tensordot(stress[k, :, cell], basis, 1) for k in (i, j)]
+        tractions[place] = np.array([T @ normal for T in S])
+    forces = np.zeros((2, K), dtype=object)
+    out = np.flatnonzero(other == np.arange(3 * K)).tolist()
+    for place, T in tractions.items():
+        if place in out:
+            row = out.index(place)
+            normal = normals[place]
+            size = root_of(normal @ normal)
+            P = exact(arrays["pressure"][:, 0, row])
+            g = exact(arrays["traction"][:, :, 0, row])
+            jump = 2 * (T - g * size + P[:, None] * normal)
+            jump[:, held[:, row] != 0] = 0
+        else:
+            jump = T + tractions[other[place]]
+        forces[:, place % K] += abs(jump).max(axis=0) / 2
+    for cell in range(K):
+        inside = sum(
+            np.tensordot(stress[k, :, cell], basis, 1) @ normals[k * K + cell]
+            for k in range(3)
+        )
+        forces[:, cell] += abs(inside) / 2
+    return forces
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rounding_of_forces_is_enclosed(seed):
+    """Stresses that differ by rounding, with tractions and pressures that nearly cancel."""
+    random = np.random.default_rng(seed)
+    body = Needles(random, False)
+    arrays, header = body.file()
+    energy = {"kinematics": "two-dimensional", "order": 1, "sizes": header["sizes"]}
+    for name in ("u", "stress", "body_force", "traction", "gap", "pressure"):
+        arrays[name] = np.ascontiguousarray(arrays[name].take([0], axis=-2))
+    arrays["tangent"] = arrays["tangent"][:0]
+    noise = random.integers(-2, 3, arrays["stress"].shape) * 2.0**-52
+    arrays["stress"] = random.normal() * arrays["stress"] * (1 + noise)
+    arrays["held"] = arrays["held"] * (random.random(arrays["held"].shape) < 0.3)
+    r = check_receipt.opened(packed(arrays, energy), energy)
+    cell = r.out % r.K
+    S = np.einsum(
+        "cij,cB->ijB", check_receipt.basis("two-dimensional"), r.stress[0, :, 0, cell].T
+    )
+    large = 2.0 ** (20 * (seed % 2))
+    pressure = large * np.abs(S).max() * random.random(r.pressure.shape[-1])
+    pulls = np.einsum("ijB,jB->iB", S, r.normal) + pressure * r.normal
+    arrays["pressure"][:] = pressure
+    arrays["traction"][:] = pulls[None, :, None]
+    r = check_receipt.opened(packed(arrays, energy), energy)
+    exact = exact_forces(arrays, arrays["held"])
+    assert (exact <= r.force * (1 + check_receipt.EPS)).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rounding_hides_no_penetration(seed):
+    """Rooms that are zero or positive as computed, and negative in fact; sides are slanted."""
+    random = np.random.default_rng(seed)
+    body = Needles(random, False)
+    arrays, header = body.file()
+    arrays["contact"][:] = 1
+    r = check_receipt.opened(packed(arrays, header), header)
+    arrays["gap"][:] = np.einsum("txLB,xB->tLB", r.outside, r.normal)
+    arrays["gap"][:, 1] = 0  # an adjoint that does not move
+    arrays["u"][:, 1] = 0
+    r = check_receipt.opened(packed(arrays, header), header)
+    assert (r.room >= 0).all()
+    with pytest.raises(ValueError, match=r"^u: inside the obstacle"):
+        check_receipt.obstacle(r)
+    arrays["gap"][:, 0] += 4 * r.wrong.max() * r.moves
+    check_receipt.obstacle(check_receipt.opened(packed(arrays, header), header))
+
+
+def test_a_sum_of_forces_that_is_just_reached_is_too_little():
+    """Sums of what a cell gets are rounded; by more than that each cell passes on."""
+    body = Rectangle(np.random.default_rng(1))
+    arrays, header = body.file()
+    words = with_hints(packed(arrays, header), header)
+    arrays = check_receipt.arrays_in(words, header)
+    r = check_receipt.opened(words, header)
+    place = r.way.astype(int) * r.K + np.arange(r.K)
+    first = np.setdiff1d(np.arange(r.K), r.other[place[0]] % r.K)[0]
+    for size, enough in ((1.0, False), (1 + 2.0**-52, False), (1 + 2.0**-46, True)):
+        arrays["passed"][:, first] = r.force[:, first] * size
+        r.passed = arrays["passed"]
+        if enough:
+            check_receipt.defect(r)
+        else:
+            with pytest.raises(ValueError, match=r"^passed: too little"):
+                check_receipt.defect(r)
 
 
 @pytest.mark.parametrize("seed", range(20))
