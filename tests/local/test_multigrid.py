@@ -61,7 +61,6 @@ def on_springs():
 
 
 CASES = {
-    "solid": lambda: indented_block(1),
     "solid, order 2": lambda: indented_block(1, order=2),
     "hexahedra": lambda: pressed_body("hexahedra", order=2),
     "little hardening": lambda: indented_block(1, hardening=1.0),
