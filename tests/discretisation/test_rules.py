@@ -9,7 +9,18 @@ from ngsolve import BND, CF, H1, VOL, ElementId, GridFunction, IfPos, VectorH1, 
 from ngepc import Material, Problem
 from ngepc.discretisation.overlap import Surface, pairs_of
 from ngepc.discretisation.prolongation import values_at_points
-from ngepc.discretisation.sampling import Scan, degree_two, parts_of_simplex
+from ngepc.discretisation.sampling import (
+    GROUPED,
+    Scan,
+    degree_two,
+    differences_on,
+    groups_of_parts,
+    lattice_parts,
+    parts_of_simplex,
+    smooth_groups,
+    variation,
+    with_centres,
+)
 from ngepc.geometries import block
 
 METAL = Material.kinematic(
@@ -89,3 +100,18 @@ def test_nodes_of_facets_belong_to_their_corners_and_edges(solid):
             function.vec[node] = 1.0
             values.append([abs(function(mesh(*place))) for place in places])
         np.testing.assert_array_equal(np.argmax(values, axis=1), np.arange(len(own)))
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.parametrize("factor", [1e-9, 1.0])
+def test_a_group_is_smooth_unless_a_kink_passes_through_it(dim, factor):
+    """|s - 0.37|, s the first share: two lines, and groups of parts between them."""
+    corners = lattice_parts(dim, 6 * GROUPED[dim])
+    share = with_centres(corners)[..., :1]
+    values = factor * np.abs(share - 0.37)
+    groups = groups_of_parts(dim, 6 * GROUPED[dim])[..., 0]
+    crossed = (groups.min(axis=1) < 0.37) & (groups.max(axis=1) > 0.37)
+    assert crossed.any()
+    assert (smooth_groups(values, dim) == ~crossed).all()
+    assert (differences_on(values) == np.ptp(values, axis=1)).all()
+    assert variation(values) == np.ptp(values)
