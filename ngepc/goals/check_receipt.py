@@ -251,8 +251,8 @@ def balance(r: Body) -> None:
     left = jump[..., r.out] - 2 * pulled * r.outer
     jump[..., r.out] = np.where(r.held[:, None], 0.0, left)
     pulls = (size(r.traction) + np.abs(r.pressure).max(axis=0)).sum(axis=0)
-    r.size = size(r.stress).sum(axis=0)
-    r.load = r.size + r.length * size(r.body_force[None]).sum(axis=0)
+    loads = size(r.stress) + r.length * size(r.body_force[None])
+    r.load = loads.sum(axis=0)
     r.load += np.bincount(r.out % r.K, pulls, r.K)
     r.load *= r.length ** (r.N - 1)
     jumps = np.abs(jump).max(axis=0).sum(axis=1).reshape(r.N, -1, r.K).sum(axis=1)
@@ -276,12 +276,14 @@ def displaced(r: Body) -> None:
     r.s = r.trial[:, 1:, 0] - r.back
     r.x = r.stress[:, 1:, 0] - r.back
     r.missing = (r.stress - r.trial) / np.sqrt(r.moduli)[:, None]
-    steep = r.degree**1.5 * r.N * np.maximum(r.bulk, 2 * r.mu) * r.steep
-    large = r.size + steep * size(change).sum(axis=0)
-    large += 2 * r.mu * size(r.initial[None]) + size(r.back[None])
+    slope = r.degree**1.5 * r.N * r.steep * size(change).sum(axis=0)
+    mean = size(r.stress[:, :1]).sum(axis=0) + r.bulk * slope
+    rest = size(r.stress[:, 1:]).sum(axis=0) + 2 * r.mu * slope
+    rest += 2 * r.mu * size(r.initial[None]) + size(r.back[None])
+    density = mean**2 / r.bulk + rest**2 * (1 / (2 * r.mu) + 1 / r.hardening)
     moves = np.abs(r.u).max(axis=(0, 2)) * r.N + np.abs(r.gap).max(axis=(0, 2))
     r.moves = moves.sum()
-    r.rest = WIDE * r.wrong * (r.volume * large**2 / r.least + r.load * r.moves)
+    r.rest = WIDE * r.wrong * (r.volume * density + r.load * r.moves)
 
 
 def defect(r: Body) -> float:
