@@ -118,7 +118,7 @@ def test_fine_goals_are_in_the_intervals(order):
         gap=1e-4 + 1e-3 * x,
     )
     result = semismooth_newton(problem)
-    fine = semismooth_newton(finer(replace(problem, order=2), order))
+    fine = semismooth_newton(finer(replace(problem, order=2), 2))
     for goal in (
         "work",
         "contact_force",

@@ -67,7 +67,7 @@ COARSER = {
         "evolve(problem, path)": "evolve(replace(problem, order=1), path)",
     },
     "08_which_solver.ipynb": {
-        "paper_mesh(3201)": "paper_mesh(417)",
+        "paper_mesh(3201)": "paper_mesh(833)",
         "MESHES = (65, 113, 225)": "MESHES = (65, 225)",
         "(1e3, 1e2, 1e1, 1.0)": "(1e3, 1.0)",
     },
