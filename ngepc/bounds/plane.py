@@ -27,10 +27,10 @@ from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import inverses
 
-ADJOINT_GAIN = 0.02
+ADJOINT_GAIN = 0.05
 """A step of the search of the adjoint must lower its bound by this fraction."""
 
-ADJOINT_SHARE = 0.8
+ADJOINT_SHARE = 0.6
 """The direct solver of this search takes the triangles with this share of what is missed."""
 
 MOST_STEPS = 40

@@ -103,6 +103,8 @@ class BoundPart:
         self._constant = bound_data.each == 1 and not overlay
         if self._constant:
             self._result = constant_result(bound_data, state, self._sigma)
+        else:
+            self._own = own_coefficients(bound_data, state, self._sigma.shape[1])
 
     def strain(self, adjoint: Adjoint) -> tuple[np.ndarray, np.ndarray]:
         """Trace and deviator of the strain of an adjoint at the points.
@@ -121,6 +123,8 @@ class BoundPart:
         self, adjoint: Adjoint, strain: tuple[np.ndarray, np.ndarray]
     ) -> np.ndarray:
         """The same from the strain of the adjoint."""
+        if adjoint.stress.shape[2] == 1 + strain[1].shape[1]:
+            return adjoint.stress  # nothing is free
         bound_data = self._bound_data
         wanted = np.column_stack(self._closed.stress(*strain))
         wanted = bound_data.on_parts(wanted, TO_NODES)
@@ -159,11 +163,13 @@ class BoundPart:
         stresses = tau, self._sigma
         strain = trace[:, None], deviator
         if isinstance(law, OverlayLaw):
-            elements = sub_elements(bound_data, self._state, stresses, strain)
+            elements = sub_elements(
+                bound_data, self._state, self._own, stresses, strain
+            )
             residual = -float(sum(one.work() @ volume for one in elements))
             of_cells = law.of(np.s_[:: bound_data.each])
             return SubElements(elements, of_cells, self._cells, residual, *rest)
-        data = varying_data(bound_data, self._state, stresses, strain)
+        data = varying_data(bound_data, self._own, stresses, strain)
         residual = -float(data.work() @ volume)
         return Integrand(sides_of(data), self._cells, residual, *rest)
 
@@ -221,21 +227,32 @@ def given_coefficients(bound_data: BoundData, values: np.ndarray, k: int) -> np.
     return cell_coefficients(applied(table, bound_data.at_corners(values)))
 
 
+def own_coefficients(
+    bound_data: BoundData, state: State, k: int
+) -> dict[str, np.ndarray]:
+    """Coefficients of tr eps_h, s and dev alpha_0, for all goals."""
+    values = {
+        "volume": state.volume[:, None],
+        "trial": state.at.trial,
+        "back": np.ascontiguousarray(bound_data.discrete.law.back),
+    }
+    return {name: given_coefficients(bound_data, v, k) for name, v in values.items()}
+
+
 def varying_data(
     bound_data: BoundData,
-    state: State,
+    own: dict[str, np.ndarray],
     stresses: tuple[np.ndarray, np.ndarray],
     strain: tuple[np.ndarray, np.ndarray],
 ) -> VaryingData:
-    """The same for order two: coefficients of the ``stresses`` tau and sigma^, and eps(z)."""
+    """The data for order two: coefficients of tau and sigma^ (``stresses``), and eps(z).
+
+    ``own`` are ``own_coefficients``.
+    """
     law = bound_data.discrete.law
     each = bound_data.each
     tau, sigma = stresses
-
-    def on_cells(values: np.ndarray) -> np.ndarray:
-        """Coefficients of functions that are given at the points."""
-        return given_coefficients(bound_data, values, tau.shape[1])
-
+    k = tau.shape[1]
     names = ("bulk", "two_mu", "hardening", "beta")
     first = slice(None, None, each)
     resistance = law.resistance
@@ -246,11 +263,9 @@ def varying_data(
     return VaryingData(
         tau=tau,
         sigma=sigma,
-        volume=on_cells(state.volume[:, None]),
-        trial=on_cells(state.at.trial),
-        back=on_cells(np.ascontiguousarray(law.back)),
-        trace=on_cells(strain[0]),
-        strain=on_cells(strain[1]),
+        trace=given_coefficients(bound_data, strain[0], k),
+        strain=given_coefficients(bound_data, strain[1], k),
+        **own,
         law=numbers,
         size=bound_data.cells.volume,
         resistance=None if resistance.is_constant else resistance.of(first),
@@ -260,20 +275,22 @@ def varying_data(
 def sub_elements(
     bound_data: BoundData,
     state: State,
+    own: dict[str, np.ndarray],
     stresses: tuple[np.ndarray, np.ndarray],
     strain: tuple[np.ndarray, np.ndarray],
 ) -> tuple[VaryingData, ...]:
     """The data of each sub-element, with tau and sigma^ of the whole, for both orders."""
-    whole = varying_data(bound_data, state, stresses, strain)
+    whole = varying_data(bound_data, own, stresses, strain)
     law = bound_data.discrete.law
     found = []
     for share, part, one in zip(law.shares, law.parts, state.at.parts, strict=True):
-        own = {"bulk": share * whole.law["bulk"]}
+        numbers = {"bulk": share * whole.law["bulk"]}
         for name in ("two_mu", "hardening", "beta"):
-            own[name] = np.asarray(getattr(part, name))[:: bound_data.each]
+            numbers[name] = np.asarray(getattr(part, name))[:: bound_data.each]
         trial = given_coefficients(bound_data, one.trial, whole.k)
         back = np.zeros_like(trial)
-        found.append(replace(whole, trial=trial, back=back, law=own, resistance=None))
+        other = {"trial": trial, "back": back, "law": numbers}
+        found.append(replace(whole, **other, resistance=None))
     return tuple(found)
 
 

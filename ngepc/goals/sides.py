@@ -21,7 +21,7 @@ import numpy as np
 from ngepc.bounds.simplices import of_cells
 from ngepc.discretisation.resistance import Resistance
 from ngepc.goals.cutting import potential_integrals
-from ngepc.goals.pieces import MEANS, WEIGHTS, at_rule, mean_products
+from ngepc.goals.pieces import MEANS, ROUGH, applied, mean_products
 from ngepc.goals.supremum import ScaledLaw
 from ngepc.goals.supremum_of_ellipsoids import EllipsoidLaw
 from ngepc.goals.supremum_of_laws import NonlinearLaw
@@ -153,10 +153,11 @@ class Sides:
 
     def estimate(self, sign: float, factor: float) -> np.ndarray:
         """Integrals of the supremum over the cells by a rule, (cells,)."""
-        pulled = at_rule(self.pulled(sign, factor))
+        table = ROUGH[self.tau.shape[1]]
+        pulled = applied(table, self.pulled(sign, factor))
         w = self.w(sign, factor)
-        w = w if w.shape[1] == 1 else at_rule(w)
-        means = self.law(factor).potential(pulled, w) @ WEIGHTS[pulled.shape[1]]
+        w = w if w.shape[1] == 1 else applied(table, w)
+        means = self.law(factor).potential(pulled, w).mean(axis=1)
         return self.result.size * means + self.rest(sign, factor)
 
     def integrals(self, sign: float, factor: float) -> np.ndarray:
