@@ -119,7 +119,8 @@ class GoalTerms:
     name
         For messages and pictures.
     load
-        A problem whose tractions and body force are the load of the goal; None if there is none.
+        A problem whose tractions and body force are the load of the goal, for its own loads the
+        problem itself; None if there is none.
     factor
         c on each contact facet.
     motion
@@ -150,6 +151,8 @@ class GoalTerms:
         """Nodal forces of the load, (nodes, N)."""
         if self.load is None:
             return np.zeros_like(discrete.load)
+        if self.load is discrete.problem:
+            return discrete.load
         return applied_forces(self.load, discrete.supports.space)
 
     def carried(self, bound_data: BoundData) -> tuple[np.ndarray, CarriedLoads]:
@@ -160,6 +163,8 @@ class GoalTerms:
         if self.load is None:
             none = np.zeros_like(bound_data.boundary.moments)
             return none, CarriedLoads.none(bound_data.cells)
+        if self.load is bound_data.problem:
+            return bound_data.boundary.moments, bound_data.carried
         boundary = Boundary(self.load, bound_data.cells)
         carried = CarriedLoads(boundary)
         if carried.left.any():
@@ -266,8 +271,7 @@ def _named(goal: str, problem: Problem, zero: np.ndarray) -> GoalTerms:
     if goal not in NAMES:
         raise ValueError(f"goal={in_words(goal)}: one of {', '.join(NAMES)} is needed")
     if goal == "work":
-        load = _loaded(problem, problem.tractions, problem.f)
-        return GoalTerms("work of the loads", load, zero, None)
+        return GoalTerms("work of the loads", problem, zero, None)
     if not len(zero):
         raise ValueError("contact=None: a contact force needs contact")
     return GoalTerms("contact force", None, zero + 1.0, None)
