@@ -35,6 +35,16 @@ class Checkpoint(NamedTuple):
     arrays: dict[str, np.ndarray]
 
 
+class OtherWork(ValueError):
+    """A checkpoint belongs to other work: the entries ``different`` of its fingerprint differ."""
+
+    def __init__(self, path: Path, different: list[str]) -> None:
+        self.different = different
+        super().__init__(
+            f"checkpoint {path} belongs to other work: {', '.join(different)} differ; move it away"
+        )
+
+
 def save(path: Path, fingerprint: Mapping, record: Mapping, arrays: Mapping) -> None:
     """Write a checkpoint atomically: until it is complete the old file stays.
 
@@ -50,7 +60,8 @@ def save(path: Path, fingerprint: Mapping, record: Mapping, arrays: Mapping) -> 
 def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
     """Read a checkpoint of the work that ``fingerprint`` describes; None if there is no file.
 
-    ValueError if the file is damaged, or belongs to other work or to another version.
+    ValueError if the file is damaged, ``OtherWork`` if it belongs to other work or to another
+    version.
     """
     if not path.exists():
         return None
@@ -79,9 +90,7 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
     ours = json.loads(json.dumps(dict(fingerprint)))
     different = sorted(k for k in {*theirs, *ours} if theirs.get(k) != ours.get(k))
     if different:
-        raise ValueError(
-            f"checkpoint {path} belongs to other work: {', '.join(different)} differ; move it away"
-        )
+        raise OtherWork(path, different)
     return Checkpoint(record, arrays)
 
 

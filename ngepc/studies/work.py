@@ -1,6 +1,8 @@
 """The base class of studies, which stores cells, continues runs and writes tables."""
 
 import csv
+import hashlib
+import inspect
 import io
 import re
 import shutil
@@ -8,6 +10,7 @@ import subprocess
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
@@ -28,7 +31,8 @@ class Work(ABC):
 
     A cell is a dictionary of parameters, such as an example and the nodes of its mesh;
     ``solve(**cell)`` returns numbers; a record is both together.  Each cell is solved once and, if
-    the study ``keeps`` cells, stored in ``folder``/cells.  ``progress`` is called with a line of
+    the study ``keeps`` cells, stored in ``folder``/cells; cells of other code are solved again.
+    ``progress`` is called with a line of
     text after each cell.  Options of a study are further fields of the class;
     ``ngepc.cli.commands.STUDIES`` lists them.
 
@@ -99,18 +103,31 @@ class Work(ABC):
         named = "-".join(str(value) for value in (self.name, *cell.values()))
         return self.folder / "cells" / (re.sub(r"[^\w.+-]", "_", named) + ".npz")
 
+    @cached_property
+    def code(self) -> str:
+        """A digest of the package, and of the folder with the module of the study."""
+        own = Path(inspect.getfile(type(self))).parent
+        digest = hashlib.sha256()
+        for path in sorted({*PACKAGE.rglob("*.py"), *own.glob("*.py")}):
+            digest.update(path.read_bytes())
+        return digest.hexdigest()
+
     def kept(self, cell: Mapping) -> list[dict]:
-        """The stored records of a cell; if there are none, it is solved and stored."""
+        """The stored records of a cell; if today's code has stored none, it is solved and stored.
+
+        ValueError if the file is damaged or belongs to other work.
+        """
         about = {
             "study": self.name,
             "form": FORM,
             "ngepc": provenance()["version"],
+            "code": self.code,
             **cell,
         }
         path = self.path_of(cell)
         if self.keeps:
             check_folder(path.parent)
-            if (stored := checkpoint.load(path, about)) is not None:
+            if (stored := stored_by(about, path)) is not None:
                 with reading(path):
                     return _records(stored.record, cell)
         found = self.solve(**cell)
@@ -186,6 +203,16 @@ class OverMeshes(Work):
 
 
 PACKAGE = Path(__file__).parents[1]
+
+
+def stored_by(about: Mapping, path: Path) -> checkpoint.Checkpoint | None:
+    """The checkpoint in a file; None if there is none, or if it is one of other code."""
+    try:
+        return checkpoint.load(path, about)
+    except checkpoint.OtherWork as error:
+        if error.different == ["code"]:
+            return None
+        raise
 
 
 def commit() -> str | None:

@@ -2,9 +2,9 @@
 
 ``PYTHONPATH=tests python -m campaigns.remake [NAME ...]`` runs the commands one after the other,
 those that take longest last, and writes the time of each to results/times.json.  Cells of a command
-that was interrupted are kept in the folder ``cells`` beside the result, so the same line continues;
-a result that has been made whole with today's code is not made again.  ``--list`` only prints
-which commands would run.
+that was interrupted are kept in the folder ``cells`` beside the result, so the same line continues,
+if the code is the same; a result that has been made whole with today's code is not made again.
+``--list`` only prints which commands would run.
 """
 
 import argparse

@@ -64,3 +64,27 @@ def test_a_cell_is_solved_once(tmp_path, monkeypatch):
     }
     monkeypatch.setattr(Bars, "solve", lambda self, a: pytest.fail("solved again"))
     assert Bars(tmp_path).run() == first
+
+
+def test_a_cell_of_other_code_is_solved_again(tmp_path, monkeypatch):
+    """What a table says is what the code does whose commit it records."""
+    monkeypatch.setattr(Bars, "code", "before")
+    Bars(tmp_path).run()
+    monkeypatch.undo()
+    solved = []
+    monkeypatch.setattr(Bars, "solve", lambda self, a: solved.append(a) or {"x": 1})
+    for _ in range(2):
+        assert [record["x"] for record in Bars(tmp_path).run()] == [1, 1]
+    assert solved == [1, "1/2*"]
+
+
+def test_the_code_of_a_study_is_the_package_and_its_own_folder(tmp_path):
+    assert Bars(tmp_path).code == Bars(tmp_path).code != Locking(tmp_path).code
+
+
+def test_a_cell_of_other_work_is_refused(tmp_path):
+    study = Bars(tmp_path)
+    study.run()
+    study.path_of({"a": 1}).rename(study.path_of({"a": 2}))
+    with pytest.raises(ValueError, match="a differ; move it away"):
+        study.kept({"a": 2})
