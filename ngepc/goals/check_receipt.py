@@ -392,4 +392,7 @@ def check(path: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(f"PASS: {check(sys.argv[1])}\n")
+    try:
+        sys.stdout.write(f"PASS: {check(sys.argv[1])}\n")
+    except Exception as error:  # whatever is wrong with a file, it does not pass
+        sys.exit(f"FAIL: {error!r}")
