@@ -91,13 +91,6 @@ def up_to_date(name, entry):
     return bool(entry) and entry["finished"] and same_code(name, entry)
 
 
-def forget_cells(name):
-    """Delete the stored cells of a result: other code has made them."""
-    path = RESULTS / name
-    for stored in (path.parent / "cells").glob(f"{path.name}-*.npz"):
-        stored.unlink()
-
-
 def run(name):
     """Make a result; its time is added to that of the attempts that were interrupted.
 
@@ -107,8 +100,6 @@ def run(name):
     before = times().get(name, {})
     on = commit()
     continues = bool(before) and not before["finished"] and same_code(name, before)
-    if not continues:
-        forget_cells(name)
     begun = time.time()
     start = time.perf_counter()
     used = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -202,14 +202,3 @@ def test_a_campaign_is_made_with_its_module_and_the_package():
     assert sources("table3") == [PACKAGE]
     assert [path.name for path in sources("verdicts")] == ["ngepc", "intervals.py"]
     assert [path.name for path in sources("crossings")] == ["ngepc", "crossings.py"]
-
-
-def test_cells_of_one_result_are_deleted_alone(monkeypatch, tmp_path):
-    monkeypatch.setattr(remake, "RESULTS", tmp_path)
-    cells = tmp_path / "cells"
-    cells.mkdir()
-    names = ["table3-873.npz", "table3_c0.3-873.npz"]
-    for name in names:
-        (cells / name).touch()
-    remake.forget_cells("table3_c0.3")
-    assert [path.name for path in cells.iterdir()] == names[:1]
