@@ -124,7 +124,7 @@ def supremum(y: ndarray, v: ndarray, r: ndarray, H: ndarray, beta: ndarray) -> n
     of_A = beta * np.maximum(of_y - 2 * beta, 0.0)
     upper, _, along = norms(beta * D + r * v, of_A + r * of_v)
     gained = along - of_A
-    short = np.maximum(W - gained / np.maximum(r, SMALLEST), 0.0) * (r > 0)
+    short = np.maximum(W - gained / np.where(r > 0, r, 1.0), 0.0) * (r > 0)
     square = squared_excess(v, of_v, W) + inner(short[:, None], short[:, None])
     return inner(D, D - 2 * y) / 4 + upper - r * (V + b * r) + square / (4 * b)
 
@@ -157,7 +157,9 @@ def layout(header: dict) -> np.dtype:
 def arrays_in(words: ndarray, header: dict) -> dict:
     """The arrays of a receipt by their names."""
     record = layout(header)
-    right = words.dtype == float and words.shape == (record.itemsize // 8,)
+    size = sum(record[name].itemsize for name in record.names)
+    right = words.dtype == float and words.shape == (size // 8,)
+    right = right and size == record.itemsize  # which may overflow
     need(right, "receipt: its arrays have other types or sizes")
     return {name: words.view(record)[name][0] for name in record.names}
 
@@ -383,6 +385,7 @@ def check(path: str) -> str:
         need(header["format"] == FORMAT, f"format: not {FORMAT!r}, write it again")
         proved = proved_intervals(file["receipt"], header)
     for name, value in proved.items():
+        need(type(header[name]) in (int, float), f"{name}: no number")
         right = header[name] <= value if "lower" in name else value <= header[name]
         need(right, f"{name}: {header[name]} claimed, {value} proved")
     text = "{sizes[1]} cells, {kinematics}: least energy in ({lower}, {upper})"

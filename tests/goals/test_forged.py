@@ -234,9 +234,9 @@ def test_a_factor_that_is_no_number(factor, receipt):
     refused(arrays, header | {"factor": factor}, "^factor: |cannot convert")
 
 
-@pytest.mark.parametrize("claim", [None, "1", [1.0], {}, np.nan])
+@pytest.mark.parametrize("claim", [None, "1", [1.0], {}, np.nan, True, False])
 def test_claims_that_are_no_numbers(claim, receipt):
-    """Comparisons with them are refused, or false."""
+    """Comparisons with them are refused, or false; true and false are 1 and 0 to Python alone."""
     arrays, header = receipt
     for name in ("lower", "upper", "goal lower", "goal upper"):
         assert not passes(arrays, header | {name: claim})
@@ -251,6 +251,17 @@ def test_claims_are_needed(receipt, tmp_path):
         np.savez(path, header=json.dumps(rest), receipt=words)
         with pytest.raises((KeyError, ValueError)):
             check_receipt.check(path)
+
+
+def test_sizes_of_arrays_whose_sum_overflows():
+    """2^32 bytes more than there are: numpy would read arrays from before and after the file."""
+    sizes = 3719249, 17999779, 39
+    header = {"kinematics": "two-dimensional", "order": 1, "sizes": sizes}
+    numbers = 4 * sizes[0] + 29 * sizes[1] + 11 * sizes[2]
+    words = np.zeros(numbers - 2**29)
+    assert words.size == 104
+    with pytest.raises(ValueError, match=r"^receipt: its arrays have other"):
+        check_receipt.arrays_in(words, header)
 
 
 def test_a_body_that_nothing_holds(receipt):
