@@ -75,6 +75,23 @@ class BestStress(NamedTuple):
     sprung: np.ndarray
 
 
+class Displaced(NamedTuple):
+    """Displacements (nodes, N) with the trace and deviator of their strains, as of ``Points``."""
+
+    u: np.ndarray
+    trace: np.ndarray
+    deviator: np.ndarray
+
+    @classmethod
+    def of(cls, discrete: DiscreteProblem, u: np.ndarray) -> Displaced:
+        """Displacements with their strains."""
+        return cls(u, *discrete.points.strain(u))
+
+    def stress_change(self, tangent: Factors) -> np.ndarray:
+        """The change of stress (points, c) for these changes of displacements."""
+        return stress_coordinates(*tangent.moduli.stress(self.trace, self.deviator))
+
+
 class AdjointStress(NamedTuple):
     """The stress of an adjoint.
 
@@ -359,8 +376,7 @@ def stress_change(
     discrete: DiscreteProblem, tangent: Factors, change: np.ndarray
 ) -> np.ndarray:
     """The change of stress (points, c) for a change of displacements (nodes, N)."""
-    strain = discrete.points.strain(change)
-    return stress_coordinates(*tangent.moduli.stress(*strain))
+    return Displaced.of(discrete, change).stress_change(tangent)
 
 
 def feasible_state(bound_data: BoundData, given: State) -> tuple[State, float]:

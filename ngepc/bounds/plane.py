@@ -16,6 +16,7 @@ from ngepc.bounds.data import (
     AdjointStress,
     BestStress,
     BoundData,
+    Displaced,
     Effort,
     stress_coordinates,
 )
@@ -25,7 +26,7 @@ from ngepc.bounds.polynomials import portions
 from ngepc.bounds.simplices import Simplices, marked, of_cells, sliced, stored_by_cells
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.elements import inverses
+from ngepc.model.elements import solutions
 
 ADJOINT_GAIN = 0.05
 """A step of the search of the adjoint must lower its bound by this fraction."""
@@ -266,7 +267,7 @@ def missed_energy(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Half the square of what stresses at the points miss of those of the strain of ``functional``.
 
-    With g = H tau - eps it is 1/2 g : H^-1 g, integrated over each triangle.  The second result is
+    With d = tau - H^-1 eps it is 1/2 d : H d, integrated over each triangle.  The second result is
     minus the derivative of its sum by the unknowns of the Airy functions.
     """
     space = functional.space
@@ -274,12 +275,11 @@ def missed_energy(
     forces = np.empty(space.unknowns.shape)
     for cells in portions(len(tau)):
         H = compliance[cells]
-        off = strain_of(H, tau[cells]) - functional.strain[cells]
-        stiffness = inverses(H.reshape(-1, 3, 3)).reshape(H.shape)
-        stress = strain_of(stiffness, off)
-        square = np.einsum("tqc,tqc->tq", off, stress) @ space.rule.weights
+        off = tau[cells] - solutions(H, functional.strain[cells])
+        strain = strain_of(H, off)
+        square = np.einsum("tqc,tqc->tq", off, strain) @ space.rule.weights
         energy[cells] = space.area[cells] * square / 2
-        forces[:, cells] = space.of(cells).forces(off)
+        forces[:, cells] = space.of(cells).forces(strain)
     return energy, -space.gathered(forces)
 
 
@@ -333,31 +333,30 @@ class PlaneBoundData(BoundData):
         state: State,
         tangent: Factors,
         search: AirySearch,
-        near: np.ndarray,
-        z: np.ndarray,
+        near: Displaced,
+        z: Displaced,
         moments: np.ndarray,
     ) -> AdjointStress:
         """An admissible stress near the tangent's stress of z, at nodes, and its error.
 
-        ``near`` (nodes, N) are displacements whose stress is in equilibrium with the facet
+        ``near`` are displacements whose stress is in equilibrium with the facet
         ``moments``, tested with hat functions; springs are added to these.  The error is half the
         squared difference of the stresses in the tangent's compliance.
         """
-        stress = self.answer(tangent, near)
-        strain = self.discrete.points.strain(z)
-        at_points = stress_coordinates(*strain, 0.0)
+        stress = near.stress_change(tangent)
+        at_points = stress_coordinates(z.trace, z.deviator, 0.0)
         quadratic = TangentCompliance(search.compliance)
         wanted = stored_by_cells(self.on_parts(at_points))
         functional = StressFunctional(self.space, quadratic, wanted)
-        w = self.foundation.affine(near)
+        w = self.foundation.affine(near.u)
         tau = self.admissible(stress, self.foundation.added(moments, w))
         missed, right = missed_energy(functional, search.compliance, tau)
         system = search.system.focused(missed, ADJOINT_SHARE)
-        bound = float(missed.sum() + self.foundation.gaps(z, w).sum())
-        x, left = system.solve(right, bound, ADJOINT_GAIN, MOST_STEPS)
+        bound = float(missed.sum() + self.foundation.gaps(z.u, w).sum())
+        x, energy = system.solve(right, bound, ADJOINT_GAIN, MOST_STEPS)
         self.space.add_stress(x, tau)
         self.space.to_nodes(tau)
-        return AdjointStress(tau, w, left)
+        return AdjointStress(tau, w, energy)
 
     def admissible(self, stress: np.ndarray, given: np.ndarray) -> np.ndarray:
         """The stress of Johnson and Mercier at the points of ``space``, shape (nt, points, 3).

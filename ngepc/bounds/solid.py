@@ -35,6 +35,7 @@ from ngepc.bounds.data import (
     AdjointStress,
     BestStress,
     BoundData,
+    Displaced,
     Effort,
     factorise,
     feasible_state,
@@ -340,24 +341,24 @@ class SolidBoundData(BoundData):
         state: State,
         tangent: Factors,
         search: SolidSearch,
-        near: np.ndarray,
-        z: np.ndarray,
+        near: Displaced,
+        z: Displaced,
         moments: np.ndarray,
     ) -> AdjointStress:
         """An admissible stress near the tangent's stress of z, at nodes, and its error.
 
-        ``near`` (nodes, N) are displacements whose stress is in equilibrium with the facet
+        ``near`` are displacements whose stress is in equilibrium with the facet
         ``moments``, tested with hat functions; springs are added to these.  The error is half the
         squared difference of the stresses in the tangent's compliance.
         """
         faces = search.faces
         other = copy(self)
         other.faces = faces
-        own = self.constant_moments(self.answer(tangent, near))
+        own = self.constant_moments(near.stress_change(tangent))
         added = np.zeros_like(own)
         if self.carried.inner.any():
             added = faces.fill(search.compliance, self.carried.inner)
-        w = self.foundation.affine(near)
+        w = self.foundation.affine(near.u)
         b = self.foundation.added(moments, w).reshape(-1, 3)
         b = b - self.cells.sums(own + added)
         delta, _ = other.displacements(tangent, b, self.effort.gain)
@@ -368,7 +369,7 @@ class SolidBoundData(BoundData):
         self,
         state: State,
         tangent: Factors,
-        z: np.ndarray,
+        z: Displaced,
         tau: np.ndarray,
         w: np.ndarray,
     ) -> float:
@@ -378,12 +379,12 @@ class SolidBoundData(BoundData):
         """
         at = self.conjugate.completed(self.on_parts(self.stress(state)))
         H = self.conjugate.compliance(at)
-        wanted = self.on_parts(self.answer(tangent, z))
+        wanted = self.on_parts(z.stress_change(tangent))
         left = at_points_of_parts(tau) - wanted
         square = np.einsum(
             "tqc,tqcd,tqd->t", left, np.broadcast_to(H, (*left.shape, 6)), left
         )
-        sprung = float(self.foundation.gaps(z, w).sum())
+        sprung = float(self.foundation.gaps(z.u, w).sum())
         return float(self.cells.volume @ square) / (2 * left.shape[1]) + sprung
 
     def sharpened(

@@ -19,8 +19,8 @@ import numpy as np
 from ngepc.bounds.data import (
     AdjointStress,
     BoundData,
+    Displaced,
     factorise,
-    spring_energy,
     without_weak_springs,
 )
 from ngepc.bounds.held import RigidWorks, limited_pressure
@@ -28,7 +28,6 @@ from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint_conditions import ROUNDING, AdjointConditions
 from ngepc.goals.goal_terms import GoalTerms
 from ngepc.goals.held_rows import Held, HeldRows
-from ngepc.goals.pieces import dots
 from ngepc.linalg.secants import Compliance
 from ngepc.local.system import State
 
@@ -53,21 +52,26 @@ UNSOLVED = 1e-9
 class Adjoint:
     """An admissible pair.
 
-    ``z`` (nodes, N) is the displacement; ``stress`` is admissible, with the shape that
-    ``BoundData`` gives to stresses; ``pressure`` is minus its normal traction at the vertices of
-    the contact facets; ``energy`` is half the squared residual of the pair in the tangent's law;
-    ``least`` is the smallest factor lambda for which the conditions hold; the traction of the
-    stress on springs of stiffness K is -K ``sprung`` (elastic facets, N, N), at vertices;
-    ``friction`` (facets, N, N) is minus its tangential traction on contact, at vertices.
+    ``displaced`` is the displacement ``z`` (nodes, N) with its strain; ``stress`` is admissible,
+    with the shape that ``BoundData`` gives to stresses; ``pressure`` is minus its normal traction
+    at the vertices of the contact facets; ``energy`` is half the squared residual of the pair in
+    the tangent's law; ``least`` is the smallest factor lambda for which the conditions hold; the
+    traction of the stress on springs of stiffness K is -K ``sprung`` (elastic facets, N, N), at
+    vertices; ``friction`` (facets, N, N) is minus its tangential traction on contact, at vertices.
     """
 
-    z: np.ndarray
+    displaced: Displaced
     stress: np.ndarray
     pressure: np.ndarray
     energy: float
     least: float
     sprung: np.ndarray
     friction: np.ndarray
+
+    @property
+    def z(self) -> np.ndarray:
+        """The displacement."""
+        return self.displaced.u
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,12 +183,10 @@ class AdjointProblem(AdjointConditions):
 
         Rounding errors of a rigid motion may have either sign: they count as zero.
         """
-        points = self.bound_data.discrete.points
-        trace, deviator = points.strain(start.base.z + start.lift)
-        mean, stress = self.tangent.moduli.stress(trace, deviator)
-        stored = points.integral(mean * trace + dots(stress, deviator)) / 2
-        sprung = spring_energy(self.bound_data.discrete, start.base.z + start.lift)
-        return max(stored + sprung, 0.0)
+        z = start.base.z
+        of_lift = start.load - start.forces
+        stored = np.vdot(z, self.answered(z)) + np.vdot(2 * z + start.lift, of_lift)
+        return max(float(stored) / 2, 0.0)
 
     def of(self, start: Start, factor: float) -> Adjoint:
         """An admissible pair for lambda >= ``least``, made for the ``factor`` lambda."""
@@ -194,10 +196,11 @@ class AdjointProblem(AdjointConditions):
         if self._lower is not None:
             of_lower = self._lower.of(self._lower.start(goal.lower), factor)
             z, least = self.repaired(goal, z, factor)
+            displaced = Displaced.of(bound_data.discrete, z)
             energy = bound_data.missed_energy(
-                self.state, self.tangent, z, of_lower.stress, of_lower.sprung
+                self.state, self.tangent, displaced, of_lower.stress, of_lower.sprung
             )
-            return replace(of_lower, z=z, energy=energy, least=least)
+            return replace(of_lower, displaced=displaced, energy=energy, least=least)
         pi, rho = self._pressed(start, factor)
         most = factor * self.P
         pi = np.clip(pi, -most, most)
@@ -205,11 +208,15 @@ class AdjointProblem(AdjointConditions):
             balanced = limited_pressure(self._works, pi, most, self.rigid_works(start))
             if balanced is None:
                 none = np.empty(0)
-                return Adjoint(z, none, pi, math.inf, math.inf, none, rho)
+                displaced = Displaced(z, none, none)
+                return Adjoint(displaced, none, pi, math.inf, math.inf, none, rho)
             pi = balanced
         z, least = self.repaired(goal, z, factor)
-        stress, sprung, energy = self.balanced_stress(start, z, pi, rho)
-        return Adjoint(z, stress, pi, energy, least, sprung, rho)
+        displaced = Displaced.of(bound_data.discrete, z)
+        found = self.balanced_stress(start, displaced, pi, rho)
+        return Adjoint(
+            displaced, found.nodal, pi, found.energy, least, found.sprung, rho
+        )
 
     def answer(self, forces: np.ndarray) -> np.ndarray:
         """Displacements that answer forces (nodes, N); without the weak springs of the tangent."""
@@ -218,11 +225,13 @@ class AdjointProblem(AdjointConditions):
             return without_weak_springs(discrete, self.tangent, forces)
         return self.tangent.solve(forces)
 
+    def answered(self, z: np.ndarray) -> np.ndarray:
+        """The forces that displacements answer, both (nodes, N); without those weak springs."""
+        return self.tangent.multiply(z) - self.bound_data.discrete.floating.springs * z
+
     def left_by(self, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """The part of forces that displacements do not answer; all (nodes, N)."""
-        discrete = self.bound_data.discrete
-        answered = self.tangent.multiply(z) - discrete.floating.springs * z
-        return discrete.supports.kept(forces - answered)
+        return self.bound_data.discrete.supports.kept(forces - self.answered(z))
 
     def rigid_works(self, start: Start) -> np.ndarray:
         """The works of the goal's load on the motions of floating parts, (motions,)."""
@@ -304,7 +313,7 @@ class AdjointProblem(AdjointConditions):
         return at_nodes[rows.nodes]
 
     def balanced_stress(
-        self, start: Start, z: np.ndarray, pi: np.ndarray, rho: np.ndarray
+        self, start: Start, z: Displaced, pi: np.ndarray, rho: np.ndarray
     ) -> AdjointStress:
         """The stress that is best for z, in equilibrium with the goal's load, pi and rho."""
         goal = start.goal
@@ -319,16 +328,20 @@ class AdjointProblem(AdjointConditions):
         N = bound_data.cells.N
         other = copy(bound_data)
         other.carried = carried
-        found = self.answer(forces)
-        near = found + start.lift
+        is_known = (
+            np.array_equal(forces, start.forces) and not discrete.floating.centres
+        )
+        found = start.base.z if is_known else self.answer(forces)
         other.patches = copy(bound_data.patches)
         length = bound_data.cells.measure.max() ** (1 / (N - 1))
         stiff = discrete.law.bulk.max() * length ** (N - 2)
-        holding = max(stiff * np.abs(near).max(initial=0.0), np.abs(forces).max())
+        u = found + start.lift
+        holding = max(stiff * np.abs(u).max(initial=0.0), np.abs(forces).max())
         other.patches.smallest = smallest = UNMOVED * holding
         left = self.left_by(found, forces)
         if np.abs(left).max() > UNSOLVED * smallest:
-            near = near + self.answer(left)
+            u = u + self.answer(left)
+        near = z if np.array_equal(u, z.u) else Displaced.of(discrete, u)
         return other.adjoint_stress(
             self.state, self.tangent, self._search, near, z, moments
         )

@@ -112,7 +112,8 @@ class BoundPart:
         In plane stress eps_zz is free: it is that for which the tangent has no sigma_zz.
         """
         discrete = self._bound_data.discrete
-        strain = discrete.points.strain(adjoint.z)
+        displaced = adjoint.displaced
+        strain = displaced.trace, displaced.deviator
         return discrete.law.with_free_component(self._closed, *strain)
 
     def stress(self, adjoint: Adjoint) -> np.ndarray:

@@ -121,6 +121,23 @@ def inverses(matrices: np.ndarray) -> np.ndarray:
     return np.linalg.inv(matrices)
 
 
+def solutions(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """x (..., n) of positive definite matrices (..., n, n) times x = ``right``, for all at once."""
+    n = right.shape[-1]
+    rows = [[matrices[..., i, j] for j in range(n)] for i in range(n)]
+    left = [right[..., i] for i in range(n)]
+    for k, i in combinations(range(n), 2):
+        share = rows[i][k] / rows[k][k]
+        left[i] = left[i] - share * left[k]
+        for j in range(k + 1, n):
+            rows[i][j] = rows[i][j] - share * rows[k][j]
+    x = np.empty_like(right)
+    for i in reversed(range(n)):
+        known = sum(rows[i][j] * x[..., j] for j in range(i + 1, n))
+        x[..., i] = (left[i] - known) / rows[i][i]
+    return x
+
+
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The products of vectors, (3, n) and (3, n) to (3, n)."""
     return np.array([a[i] * b[j] - a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1))])

@@ -8,7 +8,7 @@ from ngepc.bounds.equilibration import laplacian_inverses
 from ngepc.bounds.nearby import strain_nearby
 from ngepc.bounds.transfer import bisected, carried_state, discrete_on
 from ngepc.geometries import block
-from ngepc.model.elements import inverses
+from ngepc.model.elements import inverses, solutions
 
 METAL = Material.kinematic(
     lame_lambda=1.5e3, lame_mu=1e3, yield_stress=1.0, hardening=1e2
@@ -60,6 +60,17 @@ def test_inverses_of_small_matrices(size):
     matrices = np.random.default_rng(0).normal(size=(50, size, size))
     unit = np.broadcast_to(np.eye(size), matrices.shape)
     np.testing.assert_allclose(matrices @ inverses(matrices), unit, atol=1e-11)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 4])
+def test_solutions_of_small_systems(size):
+    """Positive definite matrices times what is found are the right sides."""
+    random = np.random.default_rng(0)
+    roots = random.normal(size=(50, 2, size, size))
+    matrices = roots @ roots.swapaxes(2, 3) + 0.1 * np.eye(size)
+    right = random.normal(size=(50, 2, size))
+    found = np.einsum("tqij,tqj->tqi", matrices, solutions(matrices, right))
+    np.testing.assert_allclose(found, right, atol=1e-11)
 
 
 @pytest.mark.parametrize("corners", [1, 2, 5, 8, 9])
