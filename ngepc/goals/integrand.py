@@ -27,8 +27,8 @@ from ngepc.goals.sub_elements import SubElements
 from ngepc.goals.varying import VaryingData, half_root, sides_of
 from ngepc.local.system import State
 
-SAMPLED = 1000
-"""Cells on which integrals for the choice of lambda are computed; the rest is known from others."""
+SAMPLED = 9000
+"""Points of the rule for the choice of lambda, so many in all cells that are taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,19 +68,17 @@ class Integrand:
         return above, below
 
 
-def sampled(per_cell: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The cells with the largest indicators and a few others, and how many each stands for.
+def sampled(shares: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """About ``count`` cells for means, and how many each stands for.
 
-    Of the others, in the order of their indicators, every so many are taken.
+    Half of them are taken evenly, half by their ``shares`` (cells,).
     """
-    order = np.argsort(-per_cell, kind="stable")
-    first = order[: SAMPLED // 2]
-    rest = order[SAMPLED // 2 :]
-    stride = max(1, -(-len(rest) // (SAMPLED // 2)))
-    few = rest[stride // 2 :: stride]
-    share = len(rest) / max(len(few), 1)
-    weights = np.append(np.ones(len(first)), np.full(len(few), share))
-    return np.append(first, few), weights
+    if count >= len(shares):
+        return np.arange(len(shares)), np.ones(len(shares))
+    often = count / 2 * (shares / shares.sum() + 1 / len(shares))
+    passed = np.floor(np.cumsum(often) + 0.5)
+    cells = np.flatnonzero(np.diff(passed, prepend=0.0) > 0)
+    return cells, np.maximum(1 / often[cells], 1.0)
 
 
 class BoundPart:
@@ -97,7 +95,7 @@ class BoundPart:
         self._sigma = cell_coefficients(sigma)
         opened = bound_data.contact.opening(state.u, bound.pressure)
         self._opened = float(opened.sum())
-        self._sample = sampled(bound.per_cell)
+        self._shares = bound.per_cell / bound.per_cell.sum()
         self._sprung = bound_data.foundation.apart(state.u, bound.sprung)
         overlay = isinstance(bound_data.discrete.law, OverlayLaw)
         self._constant = bound_data.each == 1 and not overlay
@@ -155,11 +153,11 @@ class BoundPart:
         volume = bound_data.cells.volume
         trace, deviator = self.strain(adjoint)
         tau = cell_coefficients(self._stress(adjoint, (trace, deviator)))
-        rest = self._opened, self._sample, self._on_boundary(adjoint)
+        on_boundary = self._on_boundary(adjoint)
         if self._constant:
             sides = self._constant_sides(tau, trace, deviator)
             residual = -float(self._works(trace, deviator) @ volume)
-            return Integrand(sides, self._cells, residual, *rest)
+            return self._of_sides(sides, residual, on_boundary)
         law = bound_data.discrete.law
         stresses = tau, self._sigma
         strain = trace[:, None], deviator
@@ -169,10 +167,28 @@ class BoundPart:
             )
             residual = -float(sum(one.work() @ volume for one in elements))
             of_cells = law.of(np.s_[:: bound_data.each])
-            return SubElements(elements, of_cells, self._cells, residual, *rest)
+            rest = residual, self._opened, self._sample(tau.shape[1]), on_boundary
+            return SubElements(elements, of_cells, self._cells, *rest)
         data = varying_data(bound_data, self._own, stresses, strain)
         residual = -float(data.work() @ volume)
-        return Integrand(sides_of(data), self._cells, residual, *rest)
+        return self._of_sides(sides_of(data), residual, on_boundary)
+
+    def _of_sides(
+        self, sides: Sides, residual: float, on_boundary: BoundaryTerms
+    ) -> Integrand:
+        """The supremum where one law rules each cell."""
+        sample = self._sample(sides.tau.shape[1], sides.energies())
+        rest = residual, self._opened, sample, on_boundary
+        return Integrand(sides, self._cells, *rest)
+
+    def _sample(
+        self, k: int, energies: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Cells by their parts of the error bound and of the ``energies`` of an adjoint."""
+        shares = self._shares
+        if energies is not None and energies.any():
+            shares = shares + energies / energies.sum()
+        return sampled(shares, SAMPLED // k)
 
     def _constant_sides(
         self, tau: np.ndarray, trace: np.ndarray, deviator: np.ndarray

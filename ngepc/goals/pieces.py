@@ -10,7 +10,7 @@ from functools import reduce
 
 import numpy as np
 
-from ngepc.bounds.polynomials import NODES, coefficients, quadratics
+from ngepc.bounds.polynomials import NODES, coefficients
 from ngepc.bounds.polynomials import RULE as ON_PARTS
 from ngepc.bounds.polynomials import SPLIT as OF_PARTS
 from ngepc.bounds.polynomials import WEIGHTS as OF_RULE
@@ -27,10 +27,6 @@ for _all, _k in NODES.items():
     SPLIT[_all] = np.eye(_all).reshape(_parts, _k, _all)
 RULE[1] = np.ones((1, 1))
 WEIGHTS[1] = np.ones(1)
-THREE = quadratics(ON_PARTS[3])
-"""Values at the points of the rule for affine functions, from coefficients of quadratic ones."""
-ROUGH = RULE | {6: THREE, 18: np.kron(np.eye(3), THREE)}
-"""``RULE``, but for quadratic functions one that is exact for these alone, with equal weights."""
 MEANS = {k: table.T @ (WEIGHTS[k][:, None] * table) for k, table in RULE.items()}
 """Means of the products of two functions whose coefficients are one and otherwise zero."""
 

@@ -21,7 +21,7 @@ import numpy as np
 from ngepc.bounds.simplices import of_cells
 from ngepc.discretisation.resistance import Resistance
 from ngepc.goals.cutting import potential_integrals
-from ngepc.goals.pieces import MEANS, ROUGH, applied, mean_products
+from ngepc.goals.pieces import MEANS, RULE, WEIGHTS, applied, mean_products
 from ngepc.goals.supremum import ScaledLaw
 from ngepc.goals.supremum_of_ellipsoids import EllipsoidLaw
 from ngepc.goals.supremum_of_laws import NonlinearLaw
@@ -132,6 +132,13 @@ class Sides:
             self.linear[:, chosen],
         )
 
+    def energies(self) -> np.ndarray:
+        """About the energies of tau - C eps(z) in an elastic body, (cells,)."""
+        apart = self.tau - self.strain
+        squares = np.einsum("nkd,nkd->n", apart, apart) / apart.shape[1]
+        law = self.result.law
+        return self.squares[0] + self.result.size * law.two_mu * squares / 4
+
     def rest(self, sign: float, factor: float) -> np.ndarray:
         """Integrals of all but Phi over the cells, (cells,)."""
         adjoint, both, own = self.squares
@@ -153,11 +160,12 @@ class Sides:
 
     def estimate(self, sign: float, factor: float) -> np.ndarray:
         """Integrals of the supremum over the cells by a rule, (cells,)."""
-        table = ROUGH[self.tau.shape[1]]
+        k = self.tau.shape[1]
+        table = RULE[k]
         pulled = applied(table, self.pulled(sign, factor))
         w = self.w(sign, factor)
         w = w if w.shape[1] == 1 else applied(table, w)
-        means = self.law(factor).potential(pulled, w).mean(axis=1)
+        means = self.law(factor).potential(pulled, w) @ WEIGHTS[k]
         return self.result.size * means + self.rest(sign, factor)
 
     def integrals(self, sign: float, factor: float) -> np.ndarray:

@@ -217,6 +217,9 @@ def tangents(law: ScaledLaw, centres: Arguments) -> tuple[np.ndarray, np.ndarray
     soft = np.maximum(bend - across / length, bend / 2)
     r = np.maximum(r + (along - law.start - bend * r) / soft, 0.0)
     r = np.where((r >= LEAST * law.beta) & (law.H > 0), r, 0.0)
+    _, length = unit_and_size(law.beta * y + r * v)
+    rise = length - law.beta * centres.of_y[0] - r * (law.start + law.bend * r)
+    r = np.where(rise > 0, r, 0.0)  # there may be two maxima
     return r, unit_and_size(law.beta * y + r * v)[0]
 
 
@@ -299,6 +302,18 @@ def norm_means(A: Field, v: Field, r: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return np.where(is_sharp, sharp, upper), np.where(is_sharp, near, rough)
 
 
+def chords(law: ScaledLaw, A: Field, v: Field, chosen: np.ndarray) -> np.ndarray:
+    """Coefficients of slopes of F, less that of its parabola, from zero on, (k, n)."""
+    law = law.of_points(chosen)
+    A = Field(*(part.take(chosen, axis=-1) for part in A))
+    v = Field(*(part.take(chosen, axis=-1) for part in v))
+    end = (largest_of(v.norms) - law.start) / (2 * law.bend)
+    there = A.vectors + end * v.vectors
+    chord = (np.sqrt(products(there, there)) - A.along) / end
+    steep = np.where(mean_of(chord) < mean_of(v.norms), chord, v.norms)
+    return np.maximum(steep - law.start, 0.0)
+
+
 def excess_means(
     law: ScaledLaw, A: Field, v: Field, r: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -315,6 +330,9 @@ def excess_means(
         near = X.copy()
         near[:, rests] = np.maximum(X[:, rests], 0.0)
         X[:, rests] = np.maximum(X[:, rests] + after[:, rests], 0.0)
+        rises = np.flatnonzero((r == 0) & bends & (largest_of(X) > 0))
+        if len(rises):
+            X[:, rises] = chords(law, A, v, rises)
         after[:, rests] = 0.0
     square = mean_squares(X)
     off = mean_squares(np.maximum(after, before))
