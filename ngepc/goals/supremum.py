@@ -25,8 +25,9 @@ and for any D, with A = beta D,
 and Phi <= sup F - k beta^2 with D = y where |y| >= 2 k beta.  For any r > 0 and unit vector n
 
     sup F <= F(r) + (|v_n - V - 2 b r| + max(|v| - v_n, (|A| - A_n)/r))^2/(4 b),
-    sup F <= F(0) + ([|v| - V]_+)^2/(4 b);
+    sup F <= F(0) + ([|v| - V]_+)^2/(4 b),
 
+and with the slope (|A + G v| - |A|)/G of a chord for |v|, for any G >= (|v| - V)/(2 b);
 ``docs/goal_bound.md`` has the proof.  On a piece of a cell y and v are polynomials; one r and one
 n, those for their means, serve for all of it.  The mean of a norm |x| is at most
 
@@ -303,7 +304,7 @@ def norm_means(A: Field, v: Field, r: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def chords(law: ScaledLaw, A: Field, v: Field, chosen: np.ndarray) -> np.ndarray:
-    """Coefficients of slopes of F, less that of its parabola, from zero on, (k, n)."""
+    """Coefficients of what slopes of |A + g v| from zero on exceed V by, (k, n)."""
     law = law.of_points(chosen)
     A = Field(*(part.take(chosen, axis=-1) for part in A))
     v = Field(*(part.take(chosen, axis=-1) for part in v))

@@ -133,6 +133,24 @@ def test_it_is_attained_where_both_arguments_have_one_direction(along):
     np.testing.assert_allclose(found, np.repeat(exact[:, None], 3, axis=1), rtol=1e-12)
 
 
+@pytest.mark.parametrize("angle", [np.pi, 2.5, 1.9])
+def test_it_is_attained_where_the_arguments_are_opposed(angle):
+    """F falls from zero on and rises again, to less than F(0): the maximum is F(0)."""
+    law = Drawn(3, 3, 0.0).law
+    v = 1.4 * law.start
+    end = (v - law.start) / (2 * law.bend)
+    cosine = -np.cos(angle)
+    y = np.maximum(3 * law.k * law.beta, end * v / (1.9 * cosine * law.beta))
+    of_y = y[:, None] * np.array([1.0, 0.0, 0.0])
+    of_v = v[:, None] * np.array([np.cos(angle), np.sin(angle), 0.0])
+    pulled = of_v - law.H[:, None] * of_y
+    pulled, w = (np.repeat(x[:, None], 3, axis=1) for x in (pulled, of_y - pulled))
+    exact = law.beta * y - law.k * law.beta**2
+    np.testing.assert_allclose(law.means(pulled, w)[0], exact, rtol=1e-12)
+    values = np.repeat(exact[:, None], 3, axis=1)
+    np.testing.assert_allclose(law.potential(pulled, w), values, rtol=1e-12)
+
+
 @pytest.mark.parametrize(("k", "d"), [(3, 2), (4, 5), (6, 3), (9, 2), (16, 5), (18, 3)])
 @pytest.mark.parametrize("variation", [0.4, 0.1])
 def test_means_lie_above_quadrature(k, d, variation):
