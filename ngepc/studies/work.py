@@ -105,10 +105,13 @@ class Work(ABC):
 
     @cached_property
     def code(self) -> str:
-        """A digest of the package, and of the folder with the module of the study."""
-        own = Path(inspect.getfile(type(self))).parent
+        """A digest of the package, and of the folder with the file of the study."""
+        files = set(PACKAGE.rglob("*.py"))
+        module = inspect.getmodule(type(self))
+        if file := getattr(module, "__file__", None):
+            files.update(Path(file).parent.glob("*.py"))
         digest = hashlib.sha256()
-        for path in sorted({*PACKAGE.rglob("*.py"), *own.glob("*.py")}):
+        for path in sorted(files):
             digest.update(path.read_bytes())
         return digest.hexdigest()
 

@@ -48,13 +48,13 @@ def in_units(N, stress, length):
 
 
 def numbers(N, stress, length):
-    """An energy, forces and a displacement, without units."""
+    """An energy, a force and the width of an interval of a displacement, without units."""
     result = semismooth_newton(in_units(N, stress, length))
     force = stress * length ** (N - 1)
     return [
         error_bound(result).total / (force * length),
         goal_bound(result, "contact_force").upper / force,
-        goal_bound(result, MeanDisplacement("right", 0)).lower / length,
+        goal_bound(result, MeanDisplacement("right", 0)).width / length,
     ]
 
 
