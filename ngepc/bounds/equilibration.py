@@ -21,7 +21,7 @@ from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.simplices import FACETS, stable_order
 
 BALANCED = 1e-8  # tolerance of equilibrium relative to the largest corner force
-ROUNDING = 1e-12
+ROUNDING = 1e-13
 """Residual, relative to the largest moment, above which another pass is made.
 
 What nodal forces miss does not count, as no pass mends it.
@@ -216,9 +216,9 @@ class Patches:
             if self._slanted is not None:
                 mu += self._slanted.changes(missing)
             missing = needed - self._sum @ mu
-            left = np.abs(missing).max()
-            if left <= ROUNDING * size or self._mendable(missing) <= ROUNDING * size:
+            if self._mendable(missing) <= ROUNDING * size:
                 break
+        left = np.abs(missing).max()
         if left > BALANCED * size:
             raise RuntimeError(
                 f"the stress could not be equilibrated: relative residual {left / size:.1e}"

@@ -72,7 +72,8 @@ def mean_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Means over pieces of products of vectors with coefficients (n, k or 1, d), (n,)."""
     if min(a.shape[1], b.shape[1]) == 1:
         return np.einsum("nd,nd->n", a.mean(axis=1), b.mean(axis=1))
-    a, b = pieces_last(a), pieces_last(b)
+    a = pieces_last(a)
+    b = pieces_last(b)
     flat = MEANS[len(a)] @ a.reshape(len(a), -1)
     return np.einsum("kdn,kdn->n", flat.reshape(a.shape), b)
 

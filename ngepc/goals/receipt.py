@@ -322,7 +322,8 @@ class FileOf:
         S = np.einsum("tqd,dij->tqij", stress[..., 1:], basis)
         S += stress[..., 0, None, None] * np.eye(basis.shape[1])
         values = basis_coordinates(S, kinematics.name)
-        k, c = NODES[values.shape[1]], values.shape[2]
+        k = NODES[values.shape[1]]
+        c = values.shape[2]
         found = coefficients(values.reshape(-1, k, c)).reshape(-1, k, c)
         return self.cells.stress(found)
 

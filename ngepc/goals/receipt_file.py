@@ -40,7 +40,8 @@ def in_file_order(
     for name in LAYERED:
         rows = [cells_last(name, layer[name]) for layer in layers]
         last[name] = np.stack(rows, axis=-2)
-    L, K = len(layers), len(cells.cells)
+    L = len(layers)
+    K = len(cells.cells)
     last |= {"points": cells.points.T, "cells": cells.cells.T, "other": cells.other}
     last |= {"way": np.zeros((cells.N, K)), "passed": np.zeros((cells.N, K))}
     last["tangent"] = np.zeros((2 * L - 2, K))
@@ -80,7 +81,8 @@ def mean_squared_excess(field: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """Means of ([|s| - beta]_+)^2 by a rule."""
     k = len(field)
     if k == 1:
-        at, weights = np.ones((1, 1)), np.ones(1)
+        at = np.ones((1, 1))
+        weights = np.ones(1)
     else:
         rule = IntegrationRule(ET.TET if k == 4 else ET.TRIG, DEGREE)
         weights = np.array(rule.weights) / sum(rule.weights)

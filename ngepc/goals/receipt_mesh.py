@@ -80,7 +80,8 @@ class Pieces:
         shares = (self.shares[cut, place[0]] + self.shares[cut, place[1]]) / 2
         new = []
         for end in place:
-            vertices, at = self.vertices[cut], self.shares[cut]
+            vertices = self.vertices[cut]
+            at = self.shares[cut]
             vertices[rows, end] = middle
             at[rows, end] = shares
             new.append((vertices, at, self.part[cut]))

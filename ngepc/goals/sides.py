@@ -112,7 +112,8 @@ class Sides:
 
         ``kept`` (cells,) are the means of (s(eps_h) - dev alpha_0) : eps(z).
         """
-        A, B = mean.T, result.mean.T
+        A = mean.T
+        B = result.mean.T
         M = MEANS[len(A)]
         pairs = (A, A), (A, B), (B, B)
         squares = np.stack([np.einsum("kn,kn->n", M @ a, b) for a, b in pairs])
@@ -170,6 +171,7 @@ class Sides:
 
     def integrals(self, sign: float, factor: float) -> np.ndarray:
         """Integrals of the supremum over the cells from above, (cells,)."""
-        pulled, w = self.pulled(sign, factor), self.w(sign, factor)
+        pulled = self.pulled(sign, factor)
+        w = self.w(sign, factor)
         rest = self.rest(sign, factor)
         return potential_integrals(self.law(factor), pulled, w, self.result.size, rest)

@@ -76,7 +76,8 @@ class SearchedLaw(ABC):
         at the coefficients; for whole cells there is none.
         """
         k = pulled.shape[1]
-        p_last, w_last = pieces_last(pulled), pieces_last(w)
+        p_last = pieces_last(pulled)
+        w_last = pieces_last(w)
         elastic = self.elastic(p_last, w_last)
         exact = mean_squares(p_last + w_last) * self.two_mu / (4 * self.factor)
         found = np.where(elastic, exact, [[np.inf], [0.0]])
