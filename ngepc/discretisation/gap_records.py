@@ -149,9 +149,7 @@ def nearer_between_nodes(problem: Problem) -> str:
     """A sentence about rows that are lowered by ``narrow.clear_of``; empty without."""
     if not problem.contact_names:
         return ""
-    scalar = H1(problem.mesh, order=problem.order)
-    lowered = facet_records(problem, scalar)[0]["lowered"]
-    most = problem.processes.maximum(lowered)
+    most = problem.processes.maximum(gap_records(problem).lowered)
     if most == 0.0:
         return ""
     return (

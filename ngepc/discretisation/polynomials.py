@@ -40,11 +40,17 @@ OF_CONSTANTS = re.compile(r"unary operation '\w+'|binary operation 'pow'")
 CHOICE = re.compile(r".*IfPosCoefficientFunction.*")
 ON_FACET = re.compile(".*BoundaryFromVolume.*")
 ORIENTATION = ("innerproduct.*", "normal vector", ON_FACET)
-LINE = re.compile(r"^( *)coef (.*?)(, (real|complex)\b.*)?$", re.MULTILINE)
+BEGIN = "coef "
+END = re.compile(r", (?:real|complex)\b")
+"""What is before and behind the name of a part in its line."""
 COMPILED = "Compiled CF"
 """How the text of a compiled coefficient begins; that of a sum with it can have a hundred MB."""
 SAME = "same vectors"
 """How NGSolve marks an inner product of something with itself, which it prints once."""
+
+
+class NoPolynomialError(Exception):
+    """A part of a coefficient may be no polynomial."""
 
 
 def is_polynomial(
@@ -77,7 +83,10 @@ def degree_of(value: CoefficientFunction) -> float:
     text = str(whole)
     if not _all_known(text):
         return math.inf
-    return _degree(list(_lines(text)), 0, order)[0]
+    try:
+        return _degree(list(_lines(text)), 0, order)[0]
+    except NoPolynomialError:
+        return math.inf
 
 
 def _all_known(text: str) -> bool:
@@ -107,20 +116,27 @@ def _order(function: GridFunction) -> int:
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Depth and name of each part of an expression."""
-    for found in LINE.finditer(text):
-        yield len(found.group(1)), found.group(2).strip()
+    for line in text.split("\n"):
+        part = line.lstrip(" ")
+        if part.startswith(BEGIN):
+            name = END.split(part.removeprefix(BEGIN), maxsplit=1)[0]
+            yield len(line) - len(part), name.strip()
 
 
-def _degree(lines: list[tuple[int, str]], at: int, order: int) -> tuple[float, int]:
-    """The degree of the part that begins at a line, and the line after it."""
+def _degree(lines: list[tuple[int, str]], at: int, order: int) -> tuple[int, int]:
+    """The degree of the part that begins at a line, and the line after it.
+
+    NoPolynomialError is raised for the first part that may be none.
+    """
     depth, name = lines[at]
     below = []
     following = at + 1
+    if CHOICE.fullmatch(name) and _is_orientation(lines[at + 1 : at + 4]):
+        below.append(0)
+        following = at + 4
     while following < len(lines) and lines[following][0] > depth:
         degree, following = _degree(lines, following, order)
         below.append(degree)
-    if CHOICE.fullmatch(name) and _is_orientation(lines[at + 1 : at + 4]):
-        below[0] = 0
     return _combined(_plain(name), below, order), following
 
 
@@ -130,7 +146,7 @@ def _is_orientation(lines: list[tuple[int, str]]) -> bool:
     return len(names) == 3 and all(map(re.fullmatch, ORIENTATION, names))
 
 
-def _combined(name: str, below: list[float], order: int) -> float:
+def _combined(name: str, below: list[int], order: int) -> int:
     """The degree of an expression with this name from those of its operands."""
     if FUNCTIONS.fullmatch(name):
         return order
@@ -148,4 +164,4 @@ def _combined(name: str, below: list[float], order: int) -> float:
         return below[0]
     if OF_CONSTANTS.fullmatch(name) and below and not any(below):
         return 0
-    return math.inf
+    raise NoPolynomialError

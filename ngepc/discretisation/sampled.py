@@ -109,19 +109,18 @@ def hidden_overlap(problem: Problem, u: np.ndarray) -> float:
 
     It is evaluated on the lattice of ``Scan``, for nodal displacements u (nodes, N).
     """
-    mesh = problem.mesh
-    scalar = H1(mesh, order=problem.order)
+    scalar = H1(problem.mesh, order=problem.order)
     deepest = 0.0
-    for name, gap in problem.gaps.items():
+    for name in problem.gaps:
         scan = scanned_gap(problem, name)
-        for number in scan.hidden.tolist():
-            shares = scan.lattice_in(number)
-            element = ElementId(BND, number)
-            nodes = list(scalar.GetDofNrs(element))
-            moved = shapes_at(scalar, element, shares) @ u[nodes]
-            normal = scan.at(number, shares, problem.normal)
-            depth = (moved * normal).sum(axis=1)
-            depth -= scan.at(number, shares, gap)[:, 0]
+        for shape, numbers in scan.hidden_alike():
+            shares = scan.lattice_in(shape)
+            elements = [ElementId(BND, number) for number in numbers.tolist()]
+            nodes = np.array([scalar.GetDofNrs(element) for element in elements])
+            moved = shapes_at(scalar, elements[0], shares) @ u[nodes]
+            normal = scan.on_elements(numbers, shares, problem.normal)
+            gap = scan.on_elements(numbers, shares)[:, :, 0]
+            depth = (moved * normal).sum(axis=2) - gap
             deepest = max(deepest, float(depth.max()))
     return deepest
 

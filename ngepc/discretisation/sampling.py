@@ -14,6 +14,7 @@ their sum; in a simplex these are its barycentric coordinates.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations_with_replacement, permutations
@@ -372,6 +373,7 @@ class Scan:
         self.hidden = np.zeros(0, dtype=int)
         if is_polynomial(value, mesh):
             return
+        self._seen = value.Compile()  # each common part is evaluated once
         numbers = np.arange(mesh.ne if kind == VOL else mesh.GetNE(BND))
         if chosen is not None:
             numbers = numbers[chosen]
@@ -424,13 +426,31 @@ class Scan:
     def on_lattice(self, numbers: np.ndarray, piece: Piece) -> np.ndarray:
         """Values on the lattice in a piece, shape (elements, points, components)."""
         shares = lattice(self.dim, self.count)[1] @ piece.corners
-        return values_at_shares(self.mesh, numbers, shares, self.value, self.kind)
+        return self.on_elements(numbers, shares)
 
-    def lattice_in(self, number: int) -> np.ndarray:
-        """The shares of the lattice points in an element, (points, dim + 1)."""
+    def lattice_in(self, shape: ET) -> np.ndarray:
+        """The shares of the lattice points in elements of a shape, (points, dim + 1)."""
         points = lattice(self.dim, self.count)[1]
-        pieces = Piece.all(self._shape(number))
-        return np.concatenate([points @ piece.corners for piece in pieces])
+        return np.concatenate([points @ piece.corners for piece in Piece.all(shape)])
+
+    def hidden_alike(self) -> Iterator[tuple[ET, np.ndarray]]:
+        """The ``hidden`` of one shape, as many as are looked at together."""
+        shapes = [self._shape(number) for number in self.hidden.tolist()]
+        for shape in SHAPES[self.dim]:
+            numbers = self.hidden[[other == shape for other in shapes]]
+            together = max(AT_ONCE // len(self.lattice_in(shape)), 1)
+            for first in range(0, len(numbers), together):
+                yield shape, numbers[first : first + together]
+
+    def on_elements(
+        self,
+        numbers: np.ndarray,
+        shares: np.ndarray,
+        value: CoefficientFunction | None = None,
+    ) -> np.ndarray:
+        """Values, or those of another coefficient, (elements, points, components)."""
+        value = self._seen if value is None else value
+        return values_at_shares(self.mesh, numbers, shares, value, self.kind)
 
     def at(
         self, number: int, shares: np.ndarray, value: CoefficientFunction
@@ -443,7 +463,7 @@ class Scan:
     ) -> np.ndarray:
         """Values at the points of a rule on one element, (points, components)."""
         trafo = self.mesh.GetTrafo(ElementId(self.kind, number))
-        found = (self.value if value is None else value)(trafo(rule))
+        found = (self._seen if value is None else value)(trafo(rule))
         return np.asarray(found).reshape(len(rule), -1)
 
     def rule(self, number: int) -> HiddenRule:

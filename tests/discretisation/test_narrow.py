@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 from ngsolve import (
+    BND,
     ET,
     CoefficientFunction,
+    ElementId,
     GridFunction,
     IfPos,
+    InnerProduct,
     SurfaceL2,
+    VectorH1,
     sin,
     sqrt,
     x,
@@ -26,9 +30,12 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.discretisation.facets import facet_nodes
-from ngepc.discretisation.gap_records import gap_records
+from ngepc.discretisation.gap_records import gap_records, scanned_gap
 from ngepc.discretisation.narrow import cleared, lattice_of
+from ngepc.discretisation.sampled import hidden_overlap
+from ngepc.discretisation.sampling import Piece, lattice_rule
 from ngepc.geometries import block
+from ngepc.model.obstacles import Sphere
 from ngepc.model.parts import distribute
 
 MATERIAL = Material.kinematic(
@@ -186,6 +193,33 @@ def test_derivatives_match_differences(order):
         assert found[name] == pytest.approx(difference, rel=1e-4)
     with pytest.raises(ValueError, match="nearer between nodes"):
         gradient(result, "contact_force", {"theta": Direction("gap", 1.0 + x)})
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("simplices", [True, False])
+def test_values_and_overlaps_are_those_of_a_loop_over_facets(order, simplices):
+    """To the last bit for the gap, whose common parts are evaluated once for all facets."""
+    mesh = block.structured_mesh(3, 3, 1, simplices=simplices)
+    sphere = Sphere((0.4, 0.5, 1.3), 0.3).gap(mesh)
+    problem = under(sphere, order=order, mesh=mesh)
+    scan = scanned_gap(problem, "contact")
+    vector = VectorH1(mesh, order=order)
+    moved = GridFunction(vector)
+    moved.Set((0.1 * x, 0.2 * y, 0.03 * x * y))
+    u = moved.vec.FV().NumPy().reshape(3, -1).T
+    deepest = 0.0
+    for number in scan.hidden.tolist():
+        element = ElementId(BND, number)
+        for piece in Piece.all(mesh[element].type):
+            rule = lattice_rule(piece, scan.count)
+            points = mesh.GetTrafo(element)(rule)
+            gap = sphere(points)
+            on_lattice = scan.on_lattice(np.array([number]), piece)[0]
+            assert (on_lattice == gap).all()
+            depth = InnerProduct(moved, problem.normal)(points) - gap
+            deepest = max(deepest, depth.max())
+    assert deepest > 0.0
+    assert hidden_overlap(problem, u) == pytest.approx(deepest, rel=1e-12)
 
 
 def test_two_processes_have_the_same_energy():
