@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ngepc.checks.sentences import counted
+
 from .cells import FACETS, SHAPES
 
 SOLIDS = {
@@ -314,8 +316,8 @@ class _Reader:
             new = [side for corners, side in own.items() if corners not in taken]
             if len(new) < len(own):
                 self.notes.append(
-                    f"has {len(own)} sides in the surface {self.spelled[key]!r}: "
-                    f"{len(own) - len(new)} of them are named by smaller ones"
+                    f"has {counted(len(own), 'side')} in the surface {self.spelled[key]!r}: "
+                    f"{len(own) - len(new)} of them with the name of a smaller one"
                 )
             taken.update(own)
             for count, shape in ((2, "line"), (3, "triangle"), (4, "quad")):

@@ -18,6 +18,7 @@ import numpy as np
 from ngsolve import Mesh
 
 from ngepc.checks.kinds import require_attributes, require_path
+from ngepc.checks.sentences import counted
 
 from .cells import SHAPES, Group, facet_rows, facets_of, oriented, with_simplices
 from .decks import read_deck
@@ -303,7 +304,7 @@ class _Sides:
             if count:
                 which = f"of {label!r}" if label else "without a name"
                 self.notes.append(
-                    f"has {count} facets {which} that no element of the body has: "
+                    f"has {counted(count, 'facet')} {which} that no element of the body has: "
                     "they are left out"
                 )
 
@@ -325,8 +326,8 @@ class _Sides:
             if len(new) < len(facets):
                 others = sorted(set(self.owner[facets]) - {"", label})
                 self.notes.append(
-                    f"has {len(facets)} facets in the set {label!r}: {len(facets) - len(new)} "
-                    f"of them are named {', '.join(others)}"
+                    f"has {counted(len(facets), 'facet')} in the set {label!r}: "
+                    f"{len(facets) - len(new)} of them with another name, {', '.join(others)}"
                 )
             self._give(label, new)
 
@@ -343,8 +344,8 @@ class _Sides:
             nodes = self.rows[clash[0]]
             others = sorted({label, *self.owner[clash].tolist()} - {""})
             raise ValueError(
-                f"source has {len(clash)} facets twice, in {' and '.join(others)}, for example "
-                f"that of the nodes {nodes[nodes >= 0].tolist()}: each once is needed"
+                f"source has {counted(len(clash), 'facet')} twice, in {' and '.join(others)}, for "
+                f"example that of the nodes {nodes[nodes >= 0].tolist()}: each once is needed"
             )
         self.owner[facets] = label
         self.free[facets] = False

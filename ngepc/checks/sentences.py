@@ -28,6 +28,14 @@ def in_words(value: object) -> str:
     return repr(value) if isinstance(value, numbers.Real) else _short(value)
 
 
+def counted(number: int, one: str, several: str | None = None) -> str:
+    """A number with what it counts: "0 nodes", "1 node", "2 nodes", "2 meshes".
+
+    ``several`` is the plural where it is not ``one`` with an s.
+    """
+    return f"{number} {one}" if number == 1 else f"{number} {several or one + 's'}"
+
+
 def arguments_in_words(given: Mapping[str, object]) -> str:
     """Names and values as in a call: "young=210000.0, poisson=0.3"."""
     return ", ".join(f"{name}={_short(value)}" for name, value in given.items())
@@ -38,7 +46,7 @@ def _short(value: object) -> str:
     if isinstance(value, float | np.floating):
         return repr(float(f"{value:.6g}"))
     if isinstance(value, Mesh):
-        return f"<mesh, {value.dim}D, {value.ne} elements>"
+        return f"<mesh, {value.dim}D, {counted(value.ne, 'element')}>"
     if isinstance(value, CoefficientFunction):
         return "<coefficient>"
     if isinstance(value, Mapping):

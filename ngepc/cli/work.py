@@ -17,7 +17,7 @@ from ngsolve import GridFunction
 
 import ngepc
 from ngepc.bounds.bound import ErrorBound, error_bound
-from ngepc.checks.sentences import at_most_percent, outward
+from ngepc.checks.sentences import at_most_percent, counted, outward
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
 from ngepc.discretisation.loads import displacement_space
 from ngepc.dual.path import PathOptions, follow_path
@@ -187,7 +187,7 @@ def _refined(
 
     def note(mesh: MeshRecord) -> None:
         """Report a mesh: nodes, steps, and the error or the interval of the goal."""
-        size = f"{mesh.nodes:6d} nodes, {mesh.iterations} Newton steps"
+        size = f"{mesh.nodes:6d} nodes, {counted(mesh.iterations, 'Newton step')}"
         found = f"energy error at most {at_most_percent(mesh.relative, 3)}"
         if args.goal is not None:
             ends = " and ".join(outward(mesh.lower, mesh.upper))
@@ -336,8 +336,8 @@ def path(args: argparse.Namespace) -> int:
     def note(step: object) -> None:
         """Report a value of gamma."""
         change = "" if step.change is None else f", V changes by {step.change:.3g}"
-        report(f"gamma {step.gamma:.4g}: {step.iterations} steps, {step.status.label}, "
-             f"residual {step.residual_norm:.3g}{change}")  # fmt: skip
+        report(f"gamma {step.gamma:.4g}: {counted(step.iterations, 'step')}, "
+             f"{step.status.label}, residual {step.residual_norm:.3g}{change}")  # fmt: skip
 
     followed = follow_path(problem, options, note, checkpoint=args.checkpoint)
     record = {
@@ -349,12 +349,13 @@ def path(args: argparse.Namespace) -> int:
         "changes": [step.change for step in followed.steps],
         **records.provenance(),
     }
-    steps = f"{record['total_inner_iterations']} for {record['outer_iterations']} values of gamma"
+    values = counted(record["outer_iterations"], "value")
+    steps = f"{record['total_inner_iterations']} for {values} of gamma"
     shown = {"method": "path", "iterations": steps}
     summarise(record, "not bounded", args.json, args.quiet, **shown)
     kept = "use --checkpoint FILE to be able to resume"
     how = kept if args.checkpoint is None else "resume with the same command"
-    done = f"{len(followed.steps)} values of gamma"
+    done = f"{counted(len(followed.steps), 'value')} of gamma"
     return exit_status("path", record["status"], done, how)
 
 
@@ -451,7 +452,7 @@ def notebooks(args: argparse.Namespace) -> int:
     if present and not args.force:
         how = "give another folder, or --force to replace them"
         raise FileExistsError(
-            f"{present[0]} is there already ({len(present)} files): {how}"
+            f"{present[0]} is there already ({counted(len(present), 'file')}): {how}"
         )
     for original, copy in copies.items():
         copy.parent.mkdir(parents=True, exist_ok=True)
@@ -538,8 +539,9 @@ def summarise(
     if quiet:
         return
     record = record | other
+    elements = counted(record["elements"], "element")
     lines = {
-        "mesh": f"{record['problem']}, {record['nodes']} nodes, {record['elements']} elements",
+        "mesh": f"{record['problem']}, {record['nodes']} nodes, {elements}",
         "unknowns": record["unknowns"],
         "method": ", ".join(filter(None, (record["method"], record["label"]))),
         "status": record["status"],

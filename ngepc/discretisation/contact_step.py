@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ngepc.checks.sentences import counted
 from ngepc.discretisation.body import Iterate
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import STARTS
@@ -132,7 +133,10 @@ def several_solutions(
     presses = (n[left] > 0).any() or cone.tied[left].any()
     if conditions.processes.size > 1 or presses:
         count = conditions.sum_of(np.ones(len(n), dtype=int))
-        why = f"Friction on {count} rows: whether there are other equilibria was not examined."
+        why = (
+            f"Friction on {counted(count, 'row')}: whether there are other equilibria was not "
+            "examined."
+        )
         return False, why
 
     other = _other_forces(here, solve, rows)

@@ -7,7 +7,7 @@ from ngsolve import BND, H1, VERTEX, FESpace, GridFunction, Mesh, NodeId
 from ngsolve.la import BaseVector
 from scipy.spatial import cKDTree
 
-from ngepc.checks.sentences import in_words
+from ngepc.checks.sentences import counted, in_words
 from ngepc.discretisation.facets import MIDDLE
 from ngepc.model.elements import edge_ends, has_straight_simplices, vertex_coordinates
 from ngepc.model.problem import Problem
@@ -77,7 +77,7 @@ def nodal_values(start: object, problem: Problem) -> np.ndarray:
     own = source.space.mesh
     if own.dim != N or source.dim != N:
         raise ValueError(
-            f"start has {source.dim} components: a displacement of {N} is needed"
+            f"start has {counted(source.dim, 'component')}: a displacement of {N} is needed"
         )
     given = np.stack([part.vec.FV().NumPy() for part in source.components], axis=1)
     if own is mesh and source.space.globalorder == problem.order:

@@ -17,6 +17,7 @@ from ngsolve import InnerProduct
 from ngsolve.la import BaseMatrix, BaseVector
 
 from ngepc._deprecated import old_names
+from ngepc.checks.sentences import counted
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional, DualIterate
 from ngepc.dual.result import DualResult
@@ -76,7 +77,7 @@ def algorithm_7_1(
         cause = f"{error}."
     except (StopIteration, KeyboardInterrupt):
         status = Status.STOPPED
-        cause = f"after {len(history.records) - 1} steps"
+        cause = f"after {counted(len(history.records) - 1, 'step')}"
     return ended(here, status, cause, history, aim)
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve.la import BaseVector
 
+from ngepc.checks.sentences import counted
 from ngepc.dual.functional import DualIterate, total
 from ngepc.dual.result import DualResult
 from ngepc.linalg.linesearch import ROUNDING
@@ -134,12 +135,12 @@ def ended(
         last = history.records[-1]
         contact, plastic = here.norms
         seen = (
-            f"After {last.iteration} steps the residual is {here.residual_norm:.3g} (contact "
-            f"{contact:.3g}, plastic {plastic:.3g}), {aim}; last step length "
+            f"After {counted(last.iteration, 'step')} the residual is {here.residual_norm:.3g} "
+            f"(contact {contact:.3g}, plastic {plastic:.3g}), {aim}; last step length "
             f"{last.step_length:.3g}."
         )
         recent = history.records[1:][-WINDOW:]
-        damped = f"None of the last {len(recent)} steps was damped." if recent else ""
+        damped = f"Steps damped among the last {len(recent)}: none." if recent else ""
         shortest = min(recent, key=lambda record: record.step_length, default=last)
         if shortest.step_length < 1:
             damped = (

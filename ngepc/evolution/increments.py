@@ -23,6 +23,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ngepc.checks.sentences import counted
 from ngepc.discretisation.points import Points
 from ngepc.evolution.result import Evolution, EvolutionStep, elastic_energy, strain_at
 from ngepc.results.outcome import Status
@@ -125,13 +126,13 @@ class Increments:
         except (StopIteration, KeyboardInterrupt) as error:
             evolution.problem.processes.check_stop(error)
             evolution.status = Status.STOPPED
-            evolution.message = f"After {len(evolution.steps)} steps."
+            evolution.message = f"After {counted(len(evolution.steps), 'step')}."
             return
         if self.too_coarse > self.accuracy:
             reason = f"the time error is still about {self.too_coarse:.2g}"
             evolution.status = Status.STEP_LIMIT
             evolution.message = (
-                f"After {self.most_halvings} halvings of a step {reason}, "
+                f"After {counted(self.most_halvings, 'halving')} of a step {reason}, "
                 f"accuracy={self.accuracy:g} was asked for."
             )
 

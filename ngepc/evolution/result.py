@@ -11,6 +11,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, GridFunction, Trace
 
 from ngepc._deprecated import old_names
+from ngepc.checks.sentences import counted
 from ngepc.discretisation.finer import seen_material, seen_problem
 from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import Points
@@ -247,7 +248,7 @@ class Evolution(Ending):
         off = ""
         if self.time_error is not None:
             off = f", time error about {100 * self.time_error:.2g} % (estimate)"
-        return f"<Evolution: {self.status}, {len(self.steps)} steps{reached}{off}>"
+        return f"<Evolution: {self.status}, {counted(len(self.steps), 'step')}{reached}{off}>"
 
     def __str__(self) -> str:
         """The summary on one line, and the message below it."""

@@ -19,7 +19,7 @@ from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.transfer import carried_function, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path
-from ngepc.checks.sentences import in_words
+from ngepc.checks.sentences import counted, in_words
 from ngepc.discretisation.loads import displacement_space
 from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.increments import Increments
@@ -296,7 +296,7 @@ class _Run:
         except (StopIteration, KeyboardInterrupt) as error:
             self.problem.processes.check_stop(error)
             evolution.status = Status.STOPPED
-            evolution.message = f"After {len(evolution.steps)} steps."
+            evolution.message = f"After {counted(len(evolution.steps), 'step')}."
 
     @property
     def _now(self) -> float | None:

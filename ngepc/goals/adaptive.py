@@ -28,6 +28,7 @@ from ngepc.bounds.transfer import (
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
+from ngepc.checks.sentences import counted
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.goal_bound import COVERS as GOALS
 from ngepc.goals.goal_bound import GoalProblem
@@ -170,8 +171,9 @@ class BoundedResult:
         what = "energy" if self.goal is None else self.goal.name
         size = f"{self.relative_error:.3g} ({judged.kind})"
         error = f"relative error of the {what} at most {size}"
-        meshes = f"{len(self.records)} meshes, {self.records[-1].nodes} nodes"
-        return f"<BoundedResult: {error}, tolerance {self.tolerance:g}, {meshes}>"
+        meshes = counted(len(self.records), "mesh", "meshes")
+        finest = f"{self.records[-1].nodes} nodes"
+        return f"<BoundedResult: {error}, tolerance {self.tolerance:g}, {meshes}, {finest}>"
 
 
 SMALLEST_ERROR = 1e-12
@@ -510,8 +512,8 @@ def solved(
         if left <= ALGEBRAIC_SHARE * bound.total:
             part = left / bound.total if bound.total > 0 else 0.0
             ending = (
-                f"Newton's method stopped after {steps} steps: its share of the error bound is "
-                f"{part:.1e}."
+                f"Newton's method stopped after {counted(steps, 'step')}: its share of the error "
+                f"bound is {part:.1e}."
             )
             ended = replace(result, status=Status.BOUNDED, ending=ending)
             return ended, bound, steps, tools

@@ -17,7 +17,7 @@ from ngepc.bounds.sizes import power_of_two
 from ngepc.bounds.transfer import bisected
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.checks.sentences import in_words, outward
+from ngepc.checks.sentences import counted, in_words, outward
 from ngepc.limit.bisection import (
     bisected_cells,
     fan_cells,
@@ -258,8 +258,9 @@ class LimitLoad(Bracketed):
 
     def __repr__(self) -> str:
         bracket = ", ".join(outward(self.lower, self.upper))
-        meshes = f"{len(self.records)} meshes, {self.records[-1].cells} elements"
-        return f"<LimitLoad: [{bracket}], {self.status.label}, {meshes}>"
+        meshes = counted(len(self.records), "mesh", "meshes")
+        finest = counted(self.records[-1].cells, "element")
+        return f"<LimitLoad: [{bracket}], {self.status.label}, {meshes}, {finest}>"
 
 
 def strongest(problem: Problem) -> float:

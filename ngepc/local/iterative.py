@@ -17,6 +17,7 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Check, Count, Declared
+from ngepc.checks.sentences import counted
 from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import FEW
 from ngepc.discretisation.stiffness import Blocks, Stiffness
@@ -356,7 +357,7 @@ class IterativeTangent:
         if taken < self._most:
             raise FactorisationError("the preconditioner is not positive definite")
         raise FactorisationError(
-            f"the linear solver did not converge in {taken} iterations"
+            f"the linear solver did not converge in {counted(taken, 'iteration')}"
         )
 
 

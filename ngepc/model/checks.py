@@ -29,7 +29,7 @@ from ngepc.checks.arguments import (
 from ngepc.checks.coefficients import foreign_meshes
 from ngepc.checks.declared import declared_checks
 from ngepc.checks.kinds import require_instance, require_mesh
-from ngepc.checks.sentences import in_words
+from ngepc.checks.sentences import counted, in_words
 from ngepc.model.data import (
     ACTING,
     HISTORY,
@@ -148,7 +148,9 @@ def check_mesh(mesh: Mesh) -> None:
     }
     if strange:
         legal = "triangles, quadrilaterals, tetrahedra, prisms or hexahedra are needed"
-        raise ValueError(f"mesh has elements with {min(strange)} corners: {legal}")
+        raise ValueError(
+            f"mesh has elements with {counted(min(strange), 'corner')}: {legal}"
+        )
     determinant = Det(specialcf.JacobianMatrix(mesh.dim))
     size = sample(determinant, mesh)
     if not np.isfinite(size).all() or np.abs(size).min() <= 1e-14 * np.abs(size).max():

@@ -22,7 +22,7 @@ from ngepc._deprecated import renamed
 from ngepc.checks.arguments import require_number
 from ngepc.checks.declared import Declared
 from ngepc.checks.kinds import require_sequence
-from ngepc.checks.sentences import in_words
+from ngepc.checks.sentences import counted, in_words
 from ngepc.model.hardening import Tabulated
 from ngepc.model.tensile import PEEQ
 
@@ -106,7 +106,9 @@ class Overlay(Declared):
         points = pairwise(zip(bounds, stresses, strict=True))
         slopes = [(d - b) / (c - a) for (a, b), (c, d) in points]
         if not slopes:
-            raise ValueError(f"curve of {len(bounds)} points: two are needed at least")
+            raise ValueError(
+                f"curve of {counted(len(bounds), 'point')}: two are needed at least"
+            )
         shares = []
         for number, (before, after) in enumerate(pairwise([1.0, *slopes])):
             if after - before > EXACT:

@@ -22,6 +22,7 @@ from ngepc.checks.coefficients import (
     with_numbers,
     with_own_functions,
 )
+from ngepc.checks.sentences import counted
 from ngepc.model.data import ProblemData
 
 INITIAL = "initial_"
@@ -135,8 +136,8 @@ class MeshState(NamedTuple):
         before = self
         if before[:2] != now[:2]:
             return (
-                f"had {before.vertices} vertices and {before.elements} elements when this problem "
-                f"was solved, and has {now.vertices} and {now.elements} now"
+                f"had {before.vertices} vertices and {counted(before.elements, 'element')} when "
+                f"this problem was solved, and has {now.vertices} and {now.elements} now"
             )
         if before.curve_order != now.curve_order:
             return (

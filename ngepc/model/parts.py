@@ -17,6 +17,7 @@ import numpy as np
 from ngsolve import Mesh
 
 from ngepc.checks.kinds import require_mesh
+from ngepc.checks.sentences import counted
 from ngepc.geometries.outlines import netgen_mesh
 from ngepc.model.elements import (
     cells_of,
@@ -237,7 +238,8 @@ def _require_simplices(mesh: Mesh, count: int) -> None:
         )
     if mesh.ne < count:
         raise ValueError(
-            f"mesh has {mesh.ne} elements: at least {count}, one for each process, are needed"
+            f"mesh has {counted(mesh.ne, 'element')}: at least {count}, one for each "
+            "process, are needed"
         )
 
 

@@ -14,7 +14,7 @@ from ngsolve import Mesh
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ngepc.checks.sentences import in_words
+from ngepc.checks.sentences import counted, in_words
 from ngepc.model.data import ProblemData
 from ngepc.model.elements import (
     boundary_corners,
@@ -63,8 +63,9 @@ def check_motions(problem: ProblemData) -> None:
             raise ValueError(
                 f"clamped={in_words(problem.clamped)} and "
                 f"prescribed={in_words(problem.prescribed)} leave "
-                f"{motions.shape[2]} rigid motion(s) of the part around {centre.round(6).tolist()}"
-                ": every connected part must be held, if need be by springs"
+                f"{counted(motions.shape[2], 'rigid motion')} of the part around "
+                f"{centre.round(6).tolist()}: every connected part must be held, if need "
+                "be by springs"
             )
 
 

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spannin
 
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
-from ngepc.checks.sentences import in_words
+from ngepc.checks.sentences import counted, in_words
 from ngepc.evolution.result import Evolution
 from ngepc.model.problem import Problem
 from ngepc.pictures.drawable import UnitNames, fields_of, require_units, sources_of
@@ -192,8 +192,8 @@ def quantity_of(argument: str, history: Evolution, quantity: Quantity) -> list[f
         numbers = [float(value) for value in quantity]
         if len(numbers) != len(history.steps):
             raise ValueError(
-                f"{argument} has {len(numbers)} numbers: one for each of the "
-                f"{len(history.steps)} steps is needed"
+                f"{argument} has {counted(len(numbers), 'number')}: one for each of the "
+                f"{counted(len(history.steps), 'step')} is needed"
             )
         return numbers
     name, _, support = quantity.partition(":")

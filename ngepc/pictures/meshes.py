@@ -15,6 +15,7 @@ from matplotlib.patches import Patch
 from ngsolve import CF, GridFunction, Mesh, VectorH1
 
 import ngepc.pictures.style as style
+from ngepc.checks.sentences import counted
 from ngepc.model.problem import Problem
 from ngepc.pictures.cutting import Part, Plane, part_of
 from ngepc.pictures.sampling import Corners, corners_of
@@ -122,7 +123,7 @@ def draw_names(
     ]
     place = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
     axes.legend(handles=patches, **place)
-    axes.set_title(f"{mesh.nv} nodes, {mesh.ne} elements")
+    axes.set_title(f"{mesh.nv} nodes, {counted(mesh.ne, 'element')}")
     return axes.figure
 
 

@@ -13,7 +13,7 @@ from string import Template
 from matplotlib.figure import Figure
 
 from ngepc.checks.kinds import require_path, require_text
-from ngepc.checks.sentences import in_words
+from ngepc.checks.sentences import counted, in_words
 from ngepc.evolution.result import Evolution
 from ngepc.model.problem import Problem
 from ngepc.pictures.curves import plot_contact_pressure, plot_curve, plot_history
@@ -154,7 +154,9 @@ def standard_sections(source: Result | Evolution, units: UnitNames) -> list[Sect
 
 def _of_history(history: Evolution, units: UnitNames) -> list[Section]:
     """The sections of a history: its steps in a table, curves, the last step in pictures."""
-    summary = f"{len(history.steps)} steps: {history.status}. {history.message}"
+    summary = (
+        f"{counted(len(history.steps), 'step')}: {history.status}. {history.message}"
+    )
     mesh = mesh_picture(history.problem, units)
     sections = [("The problem", [history.problem, mesh])]
     steps = [summary.strip(), describe_history(history, units)]

@@ -13,7 +13,7 @@ from ngsolve import CoefficientFunction
 
 from ngepc.bounds.bound import error_bound
 from ngepc.checks.arguments import is_number, sample
-from ngepc.checks.sentences import at_most_percent, in_percent
+from ngepc.checks.sentences import at_most_percent, counted, in_percent
 from ngepc.evolution.result import Evolution
 from ngepc.goals.goal_bound import goal_bound
 from ngepc.local.indicators import error_indicators
@@ -138,7 +138,7 @@ def amount(value: object, unit: str) -> str:
 def describe_problem(problem: Problem, units: UnitNames = PLAIN) -> Rows:
     """The data of a problem in words: mesh, material, supports, loads, contact."""
     mesh = problem.mesh
-    elements = f"{mesh.ne} elements of order {problem.order}"
+    elements = f"{counted(mesh.ne, 'element')} of order {problem.order}"
     rows = [
         row("mesh", f"{mesh.nv} nodes, {elements}"),
         row("kinematics", problem.kinematics.name),
@@ -210,7 +210,7 @@ def _given(name: str, value: object, units: UnitNames) -> dict[str, object]:
         stress = unit_of(units, "stress")
         strains = [strain for strain, _ in value]
         ends = f"from {number(value[0][1], stress)} to {number(value[-1][1], stress)}"
-        text = f"{len(value)} points, {ends}, strains up to {number(strains[-1])}"
+        text = f"{counted(len(value), 'point')}, {ends}, strains up to {number(strains[-1])}"
         return row("stress-strain curve", text)
     if name == "rate":
         return row(RATE, said_law(value))

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ngepc._deprecated import old_names
+from ngepc.checks.sentences import counted
 from ngepc.discretisation.body import EPSILON, DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import (
     ROUNDING,
@@ -146,7 +147,7 @@ def newton_iteration(
     except (StopIteration, KeyboardInterrupt) as error:
         state.body.contact.processes.check_stop(error)
         status = Status.STOPPED
-        message = f"after {len(history.records) - 1} steps"
+        message = f"after {counted(len(history.records) - 1, 'step')}"
     return result(state, status, message, history)
 
 
@@ -165,7 +166,7 @@ def show_iterate(
     """Call the monitor with the last record, and a result of a run that ends there."""
     record = history.records[-1]
     seen = History(list(history.records))
-    ending = f"after {record.iteration} steps"
+    ending = f"after {counted(record.iteration, 'step')}"
     shown = replace(record, snapshot=partial(snapshot, ending, seen))
     state.body.contact.processes.show(monitor, shown)
 
@@ -308,16 +309,18 @@ def end_of(
         return Status.UNHELD, here.body.floating.unheld
     if here.flowing > FREE:
         return Status.LIMIT_LOAD, (
-            f"After {steps} steps |p| reaches {here.flowing:.2g} where the material no longer "
-            "hardens: the loads are at or beyond the limit load."
+            f"After {counted(steps, 'step')} |p| reaches {here.flowing:.2g} where the material no "
+            "longer hardens: the loads are at or beyond the limit load."
         )
     if before is not None and residual > SETTLED * before and residual <= here.rounding:
-        return Status.STAGNATED, limited_by_rounding(here, f"After {steps} steps the")
+        return Status.STAGNATED, limited_by_rounding(
+            here, f"After {counted(steps, 'step')} the"
+        )
     if before is not None and residual > UNCHANGED * before and here.drifting:
         return Status.STAGNATED, here.drifting
     if steps == max_iterations:
         return Status.ITERATION_LIMIT, (
-            f"{steps} steps, relative residual {residual:.3g}, last step length "
+            f"{counted(steps, 'step')}, relative residual {residual:.3g}, last step length "
             f"{history.records[-1].step_length:.3g}; try more steps or a smaller load step."
         )
     return None, ""

@@ -18,7 +18,7 @@ from ngsolve import (
     VectorH1,
 )
 
-from ngepc.checks.sentences import at_most_percent, in_percent
+from ngepc.checks.sentences import at_most_percent, counted, in_percent
 from ngepc.discretisation.body import Iterate
 from ngepc.discretisation.finer import unresolved_data
 from ngepc.discretisation.gap_records import deepest_overlap, nearer_between_nodes
@@ -113,7 +113,8 @@ class Result(Quantities, Ending):
         """The summary of a result: name -> text."""
         problem = self.problem
         mesh = self.problem.mesh
-        size = f"{nodes_of(mesh)} nodes, {problem.processes.total(mesh.ne)} elements"
+        elements = counted(problem.processes.total(mesh.ne), "element")
+        size = f"{nodes_of(mesh)} nodes, {elements}"
         rows = {
             "status": str(self.status),
             "method": self.method_label,
@@ -378,16 +379,17 @@ class DiscreteSolution(Result):
         if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
             found.append(large_motion(strain, rotation, large_part(self.fields)))
         if touching and self.contact_facets < FEW_FACETS:
-            nodes = "1 node" if touching == 1 else f"{touching} nodes"
+            whole = counted(self.contact_facets, "whole facet")
+            nodes = counted(touching, "node")
             found.append(
-                f"Too few facets are in contact for accurate pressures "
-                f"({self.contact_facets} whole facets, {nodes}): "
+                f"Too few facets are in contact for accurate pressures ({whole}, {nodes}): "
                 "refine the contact boundary."
             )
         if self.status.is_success and (loose := self.undetermined_motions):
+            not_determined = "is not" if loose == 1 else "are not"
             found.append(
-                f"{loose} rigid motion(s) of a part held by contact alone are not determined: "
-                "its position is not unique, its stresses are."
+                f"{counted(loose, 'rigid motion')} of a part held by contact alone "
+                f"{not_determined} determined: its position is not unique, its stresses are."
             )
         size = processes.maximum(np.abs(self.state.u))
         if self._hidden_overlap > DEEP * size:

@@ -66,7 +66,8 @@ class Curve:
         times = len(self.schedule.times)
         if count != times:
             raise ValueError(
-                f"measured={in_words(self.measured)}: one value for each of {times} times is needed"
+                f"measured={in_words(self.measured)}: one value for each time, {times} in all, "
+                "is needed"
             )
         given = 1.0 if self.noise is None else self.noise
         noise = [given] if is_number(given) else numbers_in("noise", given)
@@ -262,7 +263,7 @@ def _checked(
     count = sum(len(curve.measured) for curve in curves)
     if count < len(start):
         raise ValueError(
-            f"curves={curves!r}: at least {len(start)} measurements are needed"
+            f"curves={curves!r}: no fewer measurements than parameters, {len(start)}, are needed"
         )
     return tuple(start), curves
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import diags
 
+from ngepc.checks.sentences import counted
 from ngepc.discretisation.rows import HELD
 from ngepc.linalg.friction import matrix_of_rows
 from ngepc.local.system import State
@@ -135,10 +136,11 @@ def biactive_message(steps: Sequence[Biactive]) -> str:
     for number, (rows, kinks, points) in enumerate(steps, 1):
         if len(rows) + len(kinks) + len(points):
             step = f"Step {number}: " if len(steps) > 1 else ""
+            of_contact = counted(len(rows) + len(kinks), "contact row")
             said.append(
-                f"{step}{len(rows) + len(kinks)} contact rows and {len(points)} points are "
-                "biactive: there the solution has one-sided derivatives only; tangent(...) "
-                "computes them for a given direction."
+                f"{step}{of_contact} and {counted(len(points), 'point')} are biactive: there the "
+                "solution has one-sided derivatives only; tangent(...) computes them for a given "
+                "direction."
             )
     return " ".join(said)
 

@@ -16,7 +16,7 @@ import numpy as np
 from ngsolve import Mesh
 
 from ngepc.checks.arguments import is_number, require_coefficient, sample
-from ngepc.checks.sentences import in_words
+from ngepc.checks.sentences import counted, in_words
 from ngepc.discretisation.finer import seen
 from ngepc.discretisation.resistance import Resistance
 from ngepc.local.system import State
@@ -63,8 +63,8 @@ class PartDatum:
         several = isinstance(value, tuple)
         number = rest.removesuffix("]")
         if not (several and number.isdigit() and int(number) < len(value)):
-            count = len(value) if several else "no"
-            raise ValueError(f"parameters={name!r}: {field} has {count} entries")
+            has = counted(len(value), "entry", "entries") if several else "no entries"
+            raise ValueError(f"parameters={name!r}: {field} has {has}")
         return cls(part, field, int(number), value[int(number)])
 
     def changed(self, given: object, value: object) -> dict[str, object]:
@@ -142,7 +142,8 @@ def part_changes(state: State, name: str, change: object) -> Data:
     values = list(value) if several else [value]
     changes = list(change) if isinstance(change, tuple | list) else [change]
     if len(changes) != len(values):
-        raise ValueError(f"change={in_words(change)}: {len(values)} values are needed")
+        needed = f"as many values as the datum has, {len(values)}, are needed"
+        raise ValueError(f"change={in_words(change)}: {needed}")
     for one in changes:
         require_coefficient(name, one)
     if datum.part == "overlay":

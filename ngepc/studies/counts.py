@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+from ngepc.checks.sentences import counted
 from ngepc.geometries import block
 from ngepc.model.hardening import HardeningLaw, Swift, Voce
 from ngepc.model.hill import Hill
@@ -314,6 +315,7 @@ class NewtonCounts(OverMeshes):
         for body, title in TITLES.items():
             runs = [r["nested"] for r in records if r["body"] == body and "nested" in r]
             total = sum(run["iterations"] for run in runs)
-            found.append(f"{title}: {total} nested steps on {len(runs)} meshes, the first one "
+            meshes = counted(len(runs), "mesh", "meshes")
+            found.append(f"{title}: {total} nested steps on {meshes}, the first one "
                          f"started from {examples.BODIES[body].COARSE_NODES} nodes.")  # fmt: skip
         return [self.note, *found]

@@ -12,6 +12,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from ngsolve import Integrate
 
+from ngepc.checks.sentences import counted
 from ngepc.dual.duality import duality_report
 from ngepc.dual.path import PathOptions, follow_path, mesh_width
 from ngepc.dual.path_steps import PathResult
@@ -33,7 +34,7 @@ def followed(
         example(body, nodes),
         options,
         lambda s: study.progress(
-            f"  {body} gamma {s.gamma:9.4g}: {s.iterations} steps"
+            f"  {body} gamma {s.gamma:9.4g}: {counted(s.iterations, 'step')}"
         ),
         **more,
     ).or_interrupted()

@@ -10,6 +10,7 @@ from ngepc import Material, Norton, Problem, Tabulated
 from ngepc.checks.arguments import require_number
 from ngepc.checks.sentences import (
     at_most_percent,
+    counted,
     in_percent,
     in_words,
     interval_in_words,
@@ -32,6 +33,12 @@ from ngepc.geometries import block
 def test_two_digits_without_an_exponent(part, nearest, above):
     assert in_percent(part) == nearest
     assert at_most_percent(part) == above
+
+
+def test_one_is_singular():
+    assert [counted(n, "node") for n in range(3)] == ["0 nodes", "1 node", "2 nodes"]
+    assert counted(1, "mesh", "meshes") == "1 mesh"
+    assert counted(3, "mesh", "meshes") == "3 meshes"
 
 
 def test_more_digits():

@@ -62,7 +62,7 @@ EXPECTED = {
         2.0,
         ("Bottom", "Front", "FrontAndBack", "Top", "free"),
         "Lower Upper",
-        "has 4 sides in the surface 'FrontAndBack': 2 of them are named by smaller",
+        "has 4 sides in the surface 'FrontAndBack': 2 of them with the name of a smaller one",
     ),
     "plane.inp": (2, 3, 2.0, ("Held", "Pressed", "free"), "Plate", None),
     "bulk.inp": (3, 1, 1 / 6, ("free",), "Bulk", None),
@@ -157,7 +157,7 @@ def column(**changes):
 REFUSED = {
     "a facet twice": (
         lambda: column(quad=np.array([(0, 3, 2, 1), (1, 2, 3, 0)])),
-        r"1 facets twice, in low, for example that of the nodes \[0, 1, 2, 3\]",
+        r"1 facet twice, in low, for example that of the nodes \[0, 1, 2, 3\]",
     ),
     "a cell twice": (
         lambda: column(hexahedron=np.array([range(8)] * 2)),
@@ -222,7 +222,10 @@ def test_sets_of_points_that_overlap_are_told():
     del source.cells[1]
     source.cell_sets.clear()
     source.point_sets = sets
-    with pytest.warns(UserWarning, match="5 facets in the set 'lower': 1 of them are"):
+    with pytest.warns(
+        UserWarning,
+        match="5 facets in the set 'lower': 1 of them with another name, low",
+    ):
         mesh = imported.mesh(source)
     count = {b: len(list(mesh.Boundaries(b).Elements())) for b in ("low", "lower")}
     assert count == {"low": 1, "lower": 4}

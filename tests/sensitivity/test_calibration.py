@@ -104,7 +104,7 @@ def test_as_many_measurements_as_constants_tell_nothing_of_an_unknown_noise():
 
 def test_what_is_refused(deep):
     problem, schedule, force = deep
-    with pytest.raises(ValueError, match="one value for each of 5 times"):
+    with pytest.raises(ValueError, match="one value for each time, 5 in all"):
         Curve(schedule, "contact_force", force[:3])
     with pytest.raises(ValueError, match="noise=0"):
         Curve(schedule, "contact_force", force, 0.0)

@@ -26,9 +26,7 @@ def test_counts_of_one_mesh(tmp_path):
     _, row = study.table([record])
     assert row[:3] == ["Example (a)", "", "833"]
     assert row[-2:] == ["11", "0.1"]
-    assert (
-        "on 1 meshes, the first one started from 417 nodes" in study.notes([record])[2]
-    )
+    assert "on 1 mesh, the first one started from 417 nodes" in study.notes([record])[2]
 
 
 def test_blocks_have_the_nodes_they_are_called_by():
