@@ -99,6 +99,16 @@ def require_integer(name: str, value: object, least: int, most: float = inf) -> 
     return int(value)
 
 
+def require_component(name: str, value: object, N: int = 3) -> int:
+    """``value`` as the number of one of N components, 0 for x."""
+    legal = " or ".join(f"{k} for {axis}" for k, axis in enumerate("xyz"[:N]))
+    if not is_number(value) or value % 1 != 0:
+        raise TypeError(f"{name}={in_words(value)}: {legal} is needed")
+    if not 0 <= value < N:
+        raise ValueError(f"{name}={in_words(value)}: {legal} is needed")
+    return int(value)
+
+
 def require_vector(
     name: str, value: object, lengths: Sequence[int]
 ) -> tuple[float, ...]:

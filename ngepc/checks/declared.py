@@ -8,6 +8,7 @@ from typing import Annotated, get_args, get_type_hints
 
 from ngepc.checks.arguments import (
     Coefficient,
+    require_component,
     require_datum,
     require_direction,
     require_integer,
@@ -28,6 +29,7 @@ NotNegative = Annotated[float, Check(require_number, least=0)]
 Positive = Annotated[float, Check(require_number, least=0, strict=True)]
 Fraction = Annotated[float, Check(require_number, least=0, strict=True, below=1)]
 Count = Annotated[int, Check(require_integer, least=1)]
+Component = Annotated[int, Check(require_component)]
 Vector = Annotated[Sequence[float], Check(require_vector, lengths=(2, 3))]
 Along = Annotated[Sequence[float], Check(require_direction, lengths=(2, 3))]
 Text = Annotated[str, Check(require_text)]

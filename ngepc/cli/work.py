@@ -197,8 +197,7 @@ def _refined(
     if args.goal is None:
         bounded = solve_to(problem, args.error, monitor=note)
     else:
-        percent = 1.0 if args.percent is None else args.percent
-        bounded = solve_to(problem, goal=args.goal, percent=percent, monitor=note)
+        bounded = solve_to(problem, goal=args.goal, percent=args.percent, monitor=note)
     result = bounded.result
     if result.status.is_success and not bounded.reached:
         result = replace(result, status=Status.MESH_LIMIT, ending=bounded.message)

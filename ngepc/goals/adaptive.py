@@ -28,7 +28,7 @@ from ngepc.bounds.transfer import (
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.checks.sentences import counted
+from ngepc.checks.sentences import counted, in_words
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.goal_bound import COVERS as GOALS
 from ngepc.goals.goal_bound import GoalProblem
@@ -188,7 +188,7 @@ def solve_to(
     monitor: Callable[[MeshRecord], None] | None = None,
     *,
     goal: object = None,
-    percent: float = 1.0,
+    percent: float | None = None,
 ) -> BoundedResult:
     """Solve to a guaranteed relative error of the energy, or of a force or displacement.
 
@@ -207,7 +207,7 @@ def solve_to(
         A goal of ``goal_bound``: meshes are refined by its indicators until half the width of its
         interval is at most ``percent`` percent of its middle; ``relative_error`` is then ignored.
     percent
-        The percentage, > 0.
+        The percentage of a goal, > 0; 1 by default.
 
     Raises
     ------
@@ -301,15 +301,23 @@ def first_state(problem: Problem) -> State:
 
 
 def tolerance_of(
-    problem: Problem, relative_error: float, goal: object, percent: float
+    problem: Problem, relative_error: float, goal: object, percent: float | None
 ) -> float:
     """The tolerance for the relative error: of the energy, or of the goal if there is one."""
     require_number("relative_error", relative_error, SMALLEST_ERROR, below=1)
-    require_number("percent", percent, 0, strict=True)
     if goal is None:
+        if percent is not None:
+            raise ValueError(
+                f"percent={in_words(percent)}: a goal is needed with it; the error of the energy "
+                "is relative_error"
+            )
         return relative_error
-    require_covered(problem, "a goal", GOALS)
-    return percent / 100
+    advice = "; solve_to(problem, relative_error) refines for the energy"
+    require_covered(problem, "a goal", GOALS, advice)
+    return (
+        require_number("percent", 1 if percent is None else percent, 0, strict=True)
+        / 100
+    )
 
 
 def interval_of(

@@ -117,11 +117,21 @@ def goal_bound(result: object, goal: object) -> GoalBound:
 def check_goals(problem: Problem) -> None:
     """Refuse problems without goal bounds by name; what error bounds refuse is left to them."""
     bounded = FEATURES.keys() - BOUNDED
-    advice = "; displacement_bracket(result, ...) covers it"
+    advice = "; confidence(result) says how accurate its energy is"
     require_covered(problem, "a goal bound", COVERS | bounded, advice)
     if FEATURES["anisotropic yield"].found(problem):
         what = "a goal bound with Hill's criterion"
+        advice = "; displacement_bracket(result, ...) covers it"
         require_covered(problem, what, WITH_HILL | bounded, advice)
+
+
+def require_finite(bound: ErrorBound) -> None:
+    """Refuse an infinite bound with a RuntimeError."""
+    if not math.isfinite(bound.total):
+        raise RuntimeError(
+            "the error bound is infinite, as the hardening law never reaches a stress in "
+            "equilibrium: a finer mesh or more hardening is needed"
+        )
 
 
 class GoalProblem:
@@ -197,6 +207,7 @@ class GoalProblem:
             search,
             compliance,
         )
+        require_finite(bound)
         self._of_bound = BoundPart(bound_data, bound)
 
     def bound_of(self, goal: object, near: float | None = None) -> GoalBound:
@@ -208,11 +219,6 @@ class GoalProblem:
         if not energy > 0:
             raise ValueError(
                 "result: a goal bound needs a deformed body, all strains are zero"
-            )
-        if not math.isfinite(self.bound.total):
-            raise RuntimeError(
-                "the error bound is infinite, as the hardening law never reaches a stress in "
-                "equilibrium: a finer mesh or more hardening is needed"
             )
         start = self._adjoints.start(terms)
         best = self._best(start, self._first(start) if near is None else near)

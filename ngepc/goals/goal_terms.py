@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from ngsolve import BND, CF, L2, VOL, CoefficientFunction, GridFunction, Integrate
@@ -18,11 +18,11 @@ from ngepc.bounds.data import BoundData
 from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.checks.arguments import (
     boundary_names,
+    require_component,
     require_components,
-    require_integer,
     require_vector,
 )
-from ngepc.checks.declared import Check, Declared, Text
+from ngepc.checks.declared import Component, Declared, Text
 from ngepc.checks.kinds import require_mapping, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.loads import applied_forces
@@ -35,13 +35,17 @@ from ngepc.model.problem import Problem
 NAMES = ("contact_force", "work")
 """Goals with a name: the resultant of the contact pressure, the work of the problem's loads."""
 
+LEGAL = (
+    "'contact_force', 'work', ContactForceOn(...), MeanDisplacement(...), DisplacementAt(...), "
+    "LoadWork(...) or Reaction(...)"
+)
+"""All goals, as messages have them."""
+
 MEETING = (
     "Where supports meet, the force at a vertex is shared equally, so that their reactions mix in "
     "the elements there."
 )
 """What a reaction is if other supports hold vertices of its support."""
-
-Component = Annotated[int, Check(require_integer, least=0, most=2)]
 
 
 @dataclass(frozen=True)
@@ -260,16 +264,12 @@ def _without_facets(goal: object, problem: Problem, zero: np.ndarray) -> GoalTer
         return _displacement_at(goal, problem, zero)
     if hasattr(goal, "support") and hasattr(goal, "component"):
         return _reaction(goal, problem, zero)
-    raise TypeError(
-        f"goal={in_words(goal)}: 'contact_force', 'work', ContactForceOn, "
-        "MeanDisplacement, LoadWork, "
-        "DisplacementAt or Reaction is needed"
-    )
+    raise TypeError(f"goal={in_words(goal)}: {LEGAL} is needed")
 
 
 def _named(goal: str, problem: Problem, zero: np.ndarray) -> GoalTerms:
     if goal not in NAMES:
-        raise ValueError(f"goal={in_words(goal)}: one of {', '.join(NAMES)} is needed")
+        raise ValueError(f"goal={in_words(goal)}: {LEGAL} is needed")
     if goal == "work":
         return GoalTerms("work of the loads", problem, zero, None)
     if not len(zero):
@@ -288,7 +288,7 @@ def _loaded(
 def _mean_traction(goal: MeanDisplacement, problem: Problem) -> dict[str, tuple]:
     """The traction whose work is the mean."""
     names = boundary_names("boundary", goal.boundary, problem.mesh)
-    component = require_integer("component", goal.component, 0, problem.N - 1)
+    component = require_component("component", goal.component, problem.N)
     clamped = sorted(set(names) & set(problem.clamped_names))
     if clamped:
         raise ValueError(
@@ -305,7 +305,7 @@ def _displacement_at(goal: object, problem: Problem, zero: np.ndarray) -> GoalTe
     """The mean of a displacement over the element with a point."""
     mesh = problem.mesh
     place = require_vector("point", goal.point, (problem.N,))
-    component = require_integer("component", goal.component, 0, problem.N - 1)
+    component = require_component("component", goal.component, problem.N)
     if not mesh.Contains(*place):
         raise ValueError(f"point={in_words(goal.point)}: a point in the body is needed")
     number = mesh(*place).nr
@@ -322,7 +322,7 @@ def _displacement_at(goal: object, problem: Problem, zero: np.ndarray) -> GoalTe
 
 def _reaction(goal: object, problem: Problem, zero: np.ndarray) -> GoalTerms:
     """The reaction of a support: minus the work of all forces in its unit motion."""
-    component = require_integer("component", goal.component, 0, problem.N - 1)
+    component = require_component("component", goal.component, problem.N)
     motion, shared = motion_of_support(problem, goal.support, component)
     note = MEETING if shared else ""
     return GoalTerms(_along("reaction", goal.support, goal), None, zero, -motion, note)

@@ -114,9 +114,9 @@ def verdict(
     begin = time.perf_counter()
 
     def decided(record: MeshRecord) -> None:
-        """End the run at the first mesh whose interval does not contain the limit."""
+        """End the run at the first mesh whose interval decides."""
         late = time.perf_counter() - begin > seconds
-        if late or not record.lower <= limit <= record.upper:
+        if late or outcome_of(record.lower, record.upper, limit, above) != UNDECIDED:
             raise StopIteration
 
     run = solve_to(problem, options=options, monitor=decided, goal=goal, percent=FINEST)
@@ -125,13 +125,18 @@ def verdict(
     if found is None:
         words = f"no interval, {required} {NO_BOUND} {run.result.ending}".rstrip()
         return Verdict(UNDECIDED, None, run, words)
-    outcome = UNDECIDED
-    if found.upper <= limit:
-        outcome = PASS if above else FAIL
-    if found.lower >= limit:
-        outcome = FAIL if above else PASS
+    outcome = outcome_of(found.lower, found.upper, limit, above)
     sentence = " ".join(filter(None, (f"{found}, {required}", found.message)))
     return Verdict(outcome, found, run, sentence)
+
+
+def outcome_of(lower: float, upper: float, limit: float, above: bool) -> str:
+    """What an interval says of a limit from ``above`` or from below, which satisfies itself."""
+    satisfied = upper <= limit if above else lower >= limit
+    violated = lower > limit if above else upper < limit
+    if satisfied:
+        return PASS
+    return FAIL if violated else UNDECIDED
 
 
 @one_blas_thread

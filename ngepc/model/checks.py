@@ -383,9 +383,10 @@ def check_contact(problem: ProblemData) -> None:
             "coefficient; contact of two bodies is contact=Contact(first, second)"
         )
     if given is not None and not names:
-        raise ValueError(
-            f"gap={in_words(given)}: name the contact boundary too, or leave gap out"
-        )
+        needed = "name the contact boundary too, or leave gap out"
+        if problem.contact_pairs:
+            needed = "leave it out, that of two bodies is the distance between them"
+        raise ValueError(f"gap={in_words(given)}: {needed}")
     several = isinstance(given, Mapping)
     if several and set(given) != set(names):
         wrong = sorted(map(str, given))

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 from inspect import signature
 from types import SimpleNamespace
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import ngsolve as ngs
 import numpy as np
 from ngsolve.comp import SumOfIntegrals
 
-from ngepc.checks.arguments import require_integer, require_vector
-from ngepc.checks.declared import Check, Declared, Text, Vector
+from ngepc.checks.arguments import require_component, require_vector
+from ngepc.checks.declared import Component, Declared, Text, Vector
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.hill_law import HillLaw
@@ -119,8 +119,6 @@ def _dissipation(state: State) -> Slope:
 _NAMED = (_contact_force, _primal_energy, _elastic_energy, _dissipation)
 NAMES = {function.__name__.lstrip("_"): function for function in _NAMED}
 
-Component = Annotated[int, Check(require_integer, least=0, most=2)]
-
 
 @dataclass(frozen=True)
 class DisplacementAt(Declared):
@@ -142,7 +140,7 @@ class DisplacementAt(Declared):
         points = state.discrete.points
         N = state.discrete.problem.N
         place = require_vector("point", self.point, (N,))
-        component = require_integer("component", self.component, 0, N - 1)
+        component = require_component("component", self.component, N)
         if not points.mesh.Contains(*place):
             raise ValueError(f"point={self.point!r}: a point in the body is needed")
         there = points.mesh(*place)
@@ -176,7 +174,7 @@ class Reaction(Declared):
         """
         discrete = state.discrete
         problem = state.discrete.problem
-        component = require_integer("component", self.component, 0, problem.N - 1)
+        component = require_component("component", self.component, problem.N)
         motion = support_motion(problem, self.support, component)
         volume, e = discrete.points.strain(motion)
         by = discrete.points.weights * Data(stress=e, mean=volume)

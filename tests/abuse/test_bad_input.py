@@ -21,7 +21,7 @@ from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import CF, H1, GridFunction, IfPos, Mesh, Parameter, log, sqrt, x, y
 from ngsolve.meshes import Make1DMesh
 
-from ngepc import Edge, Material, Point, Problem, Roller, lame_parameters
+from ngepc import Contact, Edge, Material, Point, Problem, Roller, lame_parameters
 from ngepc.geometries import block, cook, lshape, plate, punch, ring, wrench
 from ngepc.model.obstacles import Cylinder, Disc, Plane, SignedDistance, Sphere
 
@@ -262,6 +262,10 @@ PROBLEMS = {
     "unknown prescribed": (
         {"prescribed": {"lft": (0, None)}},
         "there is no boundary 'lft'",
+    ),
+    "gap between bodies": (
+        {"contact": Contact("left", "right"), "gap": 0.0, "clamped": "clamped"},
+        "gap=0.0: leave it out, that of two bodies is the distance between them",
     ),
     "contact is clamped": (
         {"contact": "clamped"},

@@ -13,6 +13,7 @@ from ngepc import (
     MeanDisplacement,
     Problem,
     Voce,
+    goal_bound,
     lshape_problem,
     semismooth_newton,
     verdict,
@@ -334,6 +335,8 @@ def test_a_bound_that_stays_infinite_ends_the_run():
     few = Refinement(max_nodes=60)
     run = solve_to(problem, 0.1, few)
     assert not run.reached
+    with pytest.raises(RuntimeError, match="the error bound is infinite"):
+        goal_bound(run.result, MeanDisplacement("right", 0))
     assert adaptive.NO_BOUND in run.message
     found = verdict(problem, MeanDisplacement("right", 0), at_most=1.0, options=few)
     assert found.outcome == "UNDECIDED"

@@ -363,7 +363,10 @@ def test_one_of_two_obstacles():
 @pytest.mark.parametrize(
     ("goal", "word"),
     [
-        ("force", "goal="),
+        (
+            "force",
+            r"goal='force': 'contact_force', 'work', .*MeanDisplacement\(\.\.\.\)",
+        ),
         (3, "goal="),
         ("contact_force", "contact"),
         (Reaction("contact", 0), "support"),
@@ -377,6 +380,17 @@ def test_what_is_no_goal_is_refused(goal, word):
     result = semismooth_newton(problem)
     with pytest.raises((TypeError, ValueError), match=word):
         goal_bound(result, goal)
+
+
+def test_components_have_numbers():
+    with pytest.raises(TypeError, match="'y': 0 for x or 1 for y or 2 for z is needed"):
+        MeanDisplacement("top", "y")
+    with pytest.raises(ValueError, match="component=3"):
+        DisplacementAt((0.0, 0.0, 0.0), 3)
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    result = semismooth_newton(Problem(mesh, MATERIAL, pressure={"right": 1.0}))
+    with pytest.raises(ValueError, match="component=2: 0 for x or 1 for y is needed"):
+        goal_bound(result, MeanDisplacement("right", 2))
 
 
 def test_a_work_of_a_load_that_is_no_vector_is_refused():

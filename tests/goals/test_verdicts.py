@@ -22,6 +22,7 @@ from ngepc import (
     verdict,
 )
 from ngepc.geometries import block, ring
+from ngepc.goals.verdicts import outcome_of
 from ngepc.studies.examples import example
 
 MATERIAL = Material.kinematic(
@@ -72,6 +73,33 @@ def test_a_limit_at_the_value_is_undecided():
     problem = replace(example("lshape", 225), order=2)
     found = verdict(problem, "contact_force", at_most=FORCE, seconds=1e-6)
     assert found.outcome == "UNDECIDED"
+
+
+@pytest.mark.parametrize("above", [True, False])
+def test_a_limit_satisfies_itself(above):
+    """As "at most" and as "at least"; what the whole interval does not decide is undecided."""
+    sign = 1.0 if above else -1.0
+    for ends, outcome in {
+        (0.0, 0.0): "PASS",
+        (-1.0, 0.0): "PASS",
+        (0.0, 1.0): "UNDECIDED",
+        (-1.0, 1.0): "UNDECIDED",
+        (1e-9, 1.0): "FAIL",
+    }.items():
+        lower, upper = sorted(sign * end for end in ends)
+        assert outcome_of(lower, upper, 0.0, above) == outcome
+
+
+def test_a_body_that_touches_nothing_has_no_force_above_zero():
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    problem = Problem(mesh, MATERIAL, pressure={"right": 0.1}, contact="contact", gap=1)
+    assert verdict(problem, "contact_force", at_most=0.0).outcome != "FAIL"
+    assert verdict(problem, "contact_force", at_least=0.0).outcome == "PASS"
+
+
+def test_a_percentage_is_that_of_a_goal():
+    with pytest.raises(ValueError, match="percent=5: a goal is needed with it"):
+        solve_to(example("lshape", 33), percent=5)
 
 
 def test_one_limit_is_needed():
