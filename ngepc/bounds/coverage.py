@@ -203,7 +203,7 @@ def check_covered(problem: Problem) -> None:
             problem, value, affine
         ):
             needed = "affine functions" if affine else "one value"
-            if name == "body_force":
+            if name == "body_force" or name.startswith("initial_hardening"):
                 needed += ", or displacements of order 1 (order=1),"
             raise ValueError(
                 f"{name} varies inside elements: bounds need {needed} on each element"

@@ -28,6 +28,7 @@ import numpy as np
 
 from ngepc.bounds.bound import ErrorBound, error_bound
 from ngepc.checks.arguments import is_number
+from ngepc.checks.sentences import outward
 from ngepc.evolution.memory import Memory
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
@@ -82,6 +83,11 @@ class DistanceBound:
     def guaranteed(self) -> bool:
         """Whether the bound is proved."""
         return not self.message
+
+    def __str__(self) -> str:
+        most = outward(0.0, self.value, 3)[1]
+        size = f"distance of the last step, in the energy norm, at most {most}"
+        return f"{size} (guaranteed)" if self.guaranteed else f"{size}. {self.message}"
 
 
 def distance_of(steps: Sequence[SolvedStep]) -> DistanceBound:

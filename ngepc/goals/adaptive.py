@@ -169,8 +169,10 @@ class BoundedResult:
     def __repr__(self) -> str:
         judged = self.bound if self.goal is None else self.goal
         what = "energy" if self.goal is None else self.goal.name
-        size = f"{self.relative_error:.3g} ({judged.kind})"
-        error = f"relative error of the {what} at most {size}"
+        error = f"no bound of the relative error of the {what}"
+        if math.isfinite(self.relative_error):
+            size = f"{self.relative_error:.3g} ({judged.kind})"
+            error = f"relative error of the {what} at most {size}"
         meshes = counted(len(self.records), "mesh", "meshes")
         finest = f"{self.records[-1].nodes} nodes"
         return f"<BoundedResult: {error}, tolerance {self.tolerance:g}, {meshes}, {finest}>"

@@ -1,5 +1,6 @@
 """The distance of a history to the steps of the continuous problem."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -92,6 +93,20 @@ def test_the_distance_is_bounded_after_each_step(name):
     assert bound.value == bound.by_step[-1]
     assert (np.diff(bound.by_step) >= 0).all()
     assert fine.distance_bound.value < bound.value
+    printed = re.search(r"at most (\S+) \(guaranteed\)", str(bound)).group(1)
+    assert bound.value <= float(printed) < 1.01 * bound.value
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_steps_of_order_one_have_a_bound_with_isotropic_hardening(order):
+    """With order two the history varies inside elements; the refusal says so."""
+    plate = replace(pulled(MATERIALS["isotropic"]), order=order)
+    last = run(plate).steps[-1].solution
+    if order == 1:
+        assert error_bound(last).guaranteed
+        return
+    with pytest.raises(ValueError, match=r"initial_hardening varies .*order=1"):
+        error_bound(last)
 
 
 def test_with_contact_it_is_an_estimate():
@@ -99,6 +114,7 @@ def test_with_contact_it_is_an_estimate():
     bound = evolve(pushed, [(1.0, {})]).distance_bound
     assert not bound.guaranteed
     assert "contact" in bound.message
+    assert str(bound).endswith(bound.message)
     two = evolve(problem_with("two bodies"), [(1.0, {})]).distance_bound
     assert two.message == "Not proved for unilateral contact."
 

@@ -338,6 +338,7 @@ def test_a_bound_that_stays_infinite_ends_the_run():
     with pytest.raises(RuntimeError, match="the error bound is infinite"):
         goal_bound(run.result, MeanDisplacement("right", 0))
     assert adaptive.NO_BOUND in run.message
+    assert "no bound of the relative error of the energy" in repr(run)
     found = verdict(problem, MeanDisplacement("right", 0), at_most=1.0, options=few)
     assert found.outcome == "UNDECIDED"
     assert found.goal is None
