@@ -14,6 +14,7 @@ from ngsolve import Mesh
 from ngepc._deprecated import renamed
 from ngepc.bounds.bound import ErrorBound, bound_and_search, data_on, thickened
 from ngepc.bounds.counterpart import problem_on_simplices
+from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.rollers import by_nodes, in_components, state_by_nodes
 from ngepc.bounds.thickness import is_of_thickness_one, with_other_thickness
@@ -39,7 +40,7 @@ from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.features import require_covered
+from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import ExactTarget, newton_iteration
 from ngepc.results.outcome import IterationRecord, Status
@@ -178,6 +179,9 @@ class BoundedResult:
         return f"<BoundedResult: {error}, tolerance {self.tolerance:g}, {meshes}, {finest}>"
 
 
+Monitor = Callable[[MeshRecord], None]
+Hopeless = Callable[[GoalBound | None, GoalBound | None], str]
+
 SMALLEST_ERROR = 1e-12
 """Smaller relative errors of the energy are below rounding errors."""
 
@@ -218,22 +222,35 @@ def solve_to(
     """
     require_instance("problem", problem, Problem, "a Problem")
     tolerance = tolerance_of(problem, relative_error, goal, percent)
+    return run_to(problem, tolerance, options, monitor, goal, about_zero)
+
+
+def run_to(
+    problem: Problem,
+    tolerance: float,
+    options: Refinement | None,
+    monitor: Monitor | None,
+    goal: object,
+    hopeless: Hopeless,
+) -> BoundedResult:
+    """``solve_to`` a tolerance; ``hopeless`` says of two intervals why none can reach it."""
     require_function("monitor", monitor, "a record", optional=True)
     options = Refinement() if options is None else options
     require_instance("options", options, Refinement, "Refinement(...)")
     problem = in_components(problem)
     check_carried(problem)
     if not is_of_thickness_one(problem):
-        return thick_run(problem, tolerance, options, monitor, goal)
-    return refined(problem, tolerance, options, monitor, goal)
+        return thick_run(problem, tolerance, options, monitor, goal, hopeless)
+    return refined(problem, tolerance, options, monitor, goal, hopeless)
 
 
 def refined(
     problem: Problem,
     tolerance: float,
     options: Refinement,
-    monitor: Callable[[MeshRecord], None] | None,
+    monitor: Monitor | None,
     goal: object,
+    hopeless: Hopeless,
 ) -> BoundedResult:
     """Solve on meshes that follow the indicators, until the relative error is small enough."""
     records: list[MeshRecord] = []
@@ -249,7 +266,7 @@ def refined(
         here = BoundedResult(result, bound, tolerance, records, "", interval)
         records.append(mesh_record(here, steps, goal))
         message = ending(result, reported(records[-1], monitor))
-        message = message or about_zero(before, interval) or never_finite(records)
+        message = message or hopeless(before, interval) or never_finite(records)
         if message or here.reached:
             return replace(here, message=message)
 
@@ -270,8 +287,9 @@ def thick_run(
     problem: Problem,
     tolerance: float,
     options: Refinement,
-    monitor: Callable[[MeshRecord], None] | None,
+    monitor: Monitor | None,
     goal: object,
+    hopeless: Hopeless,
 ) -> BoundedResult:
     """The same for a body of another thickness than one, from that of thickness one."""
     t = problem.kinematics.thickness
@@ -286,7 +304,8 @@ def thick_run(
         if monitor is not None:
             monitor(records[-1])
 
-    run = refined(replace(problem, thickness=None), tolerance, options, thick, goal)
+    thin = replace(problem, thickness=None)
+    run = refined(thin, tolerance, options, thick, goal, hopeless)
     result = with_other_thickness(run.result, problem.thickness)
     interval = None if run.goal is None else thick_goal(run.goal, result.problem)
     bound = thickened(run.bound, result.problem)
@@ -315,7 +334,8 @@ def tolerance_of(
             )
         return relative_error
     advice = "; solve_to(problem, relative_error) refines for the energy"
-    require_covered(problem, "a goal", GOALS, advice)
+    require_covered(problem, "a goal", FEATURES.keys() - (BOUNDED - GOALS), advice)
+    require_covered(problem, "a goal", GOALS)
     return (
         require_number("percent", 1 if percent is None else percent, 0, strict=True)
         / 100

@@ -12,13 +12,16 @@ from ngsolve import ET, CoefficientFunction, IfPos, Mesh
 
 from ngepc.bounds.bound import error_bound, solved_problem, strain_energy
 from ngepc.checks.arguments import require_number
+from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import at_most_percent, in_percent
 from ngepc.goals.adaptive import (
     NO_BOUND,
     BoundedResult,
     MeshRecord,
     Refinement,
-    solve_to,
+    about_zero,
+    run_to,
+    tolerance_of,
 )
 from ngepc.goals.goal_interval import GoalBound
 from ngepc.linalg.blas import one_blas_thread
@@ -28,8 +31,8 @@ from ngepc.model.problem import Problem
 PASS = "PASS"
 FAIL = "FAIL"
 UNDECIDED = "UNDECIDED"
-FINEST = 1e-4
-"""The percentage that meshes aim at; the limit is usually decided before it is reached."""
+FINEST = 1e-6
+"""The relative error that meshes aim at; the limit is usually decided before it is reached."""
 TOLERANCE = 1e-9
 MOST_STEPS = 100
 
@@ -98,6 +101,7 @@ def verdict(
     TypeError, ValueError
         As ``solve_to``, and unless one limit is given.
     """
+    require_instance("problem", problem, Problem, "a Problem")
     if (at_most is None) == (at_least is None):
         raise ValueError(
             f"at_most={at_most!r}, at_least={at_least!r}: one of them is needed"
@@ -119,7 +123,9 @@ def verdict(
         if late or outcome_of(record.lower, record.upper, limit, above) != UNDECIDED:
             raise StopIteration
 
-    run = solve_to(problem, options=options, monitor=decided, goal=goal, percent=FINEST)
+    tolerance = tolerance_of(problem, FINEST, goal, 100 * FINEST)
+    hopeless = about_zero if limit == 0 else beside_zero
+    run = run_to(problem, tolerance, options, decided, goal, hopeless)
     required = f"required: {name.replace('_', ' ')} {limit:g}."
     found = run.goal
     if found is None:
@@ -128,6 +134,11 @@ def verdict(
     outcome = outcome_of(found.lower, found.upper, limit, above)
     sentence = " ".join(filter(None, (f"{found}, {required}", found.message)))
     return Verdict(outcome, found, run, sentence)
+
+
+def beside_zero(before: GoalBound | None, now: GoalBound | None) -> str:
+    """Intervals around zero become narrower than the distance of a limit to it."""
+    return ""
 
 
 def outcome_of(lower: float, upper: float, limit: float, above: bool) -> str:

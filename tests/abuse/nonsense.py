@@ -11,7 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from ngsolve import CF, CoefficientFunction, Mesh, x
 
-from ngepc.checks.arguments import require_datum, require_integer, require_number
+from ngepc.checks.arguments import (
+    require_component,
+    require_datum,
+    require_integer,
+    require_number,
+)
 from ngepc.checks.declared import Check, declared_check
 from ngepc.checks.kinds import require_flag, require_text
 from ngepc.checks.sentences import in_words
@@ -159,6 +164,8 @@ def declared_kinds(check: Check) -> frozenset:
     rule, bounds = check.func, {"least": -math.inf, "most": math.inf, **check.keywords}
     if rule in (require_text, require_flag):
         return TEXTS if rule is require_text else frozenset({"True"})
+    if rule is require_component:
+        return frozenset({"zero"})
     if rule not in (require_number, require_integer, require_datum):
         return NOTHING
     tried = {"zero": 0, "a negative number": -1, "a fraction": 1.5}

@@ -95,6 +95,10 @@ def test_a_body_that_touches_nothing_has_no_force_above_zero():
     problem = Problem(mesh, MATERIAL, pressure={"right": 0.1}, contact="contact", gap=1)
     assert verdict(problem, "contact_force", at_most=0.0).outcome != "FAIL"
     assert verdict(problem, "contact_force", at_least=0.0).outcome == "PASS"
+    first = solve_to(problem, goal="contact_force").goal
+    limit = 0.1 * first.upper
+    assert verdict(problem, "contact_force", at_most=limit).outcome == "PASS"
+    assert verdict(problem, "contact_force", at_least=limit).outcome == "FAIL"
 
 
 def test_a_percentage_is_that_of_a_goal():
