@@ -81,6 +81,12 @@ def sampled(shares: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return cells, np.maximum(1 / often[cells], 1.0)
 
 
+def parts_of_sum(values: np.ndarray) -> np.ndarray:
+    """Values >= 0 over their sum (n,); the same for all if all are zero."""
+    total = values.sum()
+    return values / total if total > 0 else np.full(len(values), 1 / len(values))
+
+
 class BoundPart:
     """What the suprema of all goals of one error bound share."""
 
@@ -95,7 +101,7 @@ class BoundPart:
         self._sigma = cell_coefficients(sigma)
         opened = bound_data.contact.opening(state.u, bound.pressure)
         self._opened = float(opened.sum())
-        self._shares = bound.per_cell / bound.per_cell.sum()
+        self._shares = parts_of_sum(bound.per_cell)
         self._sprung = bound_data.foundation.apart(state.u, bound.sprung)
         overlay = isinstance(bound_data.discrete.law, OverlayLaw)
         self._constant = bound_data.each == 1 and not overlay
@@ -187,7 +193,7 @@ class BoundPart:
         """Cells by their parts of the error bound and of the ``energies`` of an adjoint."""
         shares = self._shares
         if energies is not None and energies.any():
-            shares = shares + energies / energies.sum()
+            shares = shares + parts_of_sum(energies)
         return sampled(shares, SAMPLED // k)
 
     def _constant_sides(

@@ -109,6 +109,7 @@ def test_a_column_on_a_rigid_floor(order):
         assert found.width < 1e-5 * value
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("made", ["free", "clamped beside contact", "rubbed"])
 def test_the_resultant_of_the_pressure_is_bounded(made):
     """By equilibrium: sharply where the solution is exact.  Not where supports or friction act."""
