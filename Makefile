@@ -21,8 +21,8 @@ PETSC_VENV ?= .venv-petsc
 PETSC_PYTHON ?= /usr/bin/python3
 PETSC_DIR ?= $(lastword $(wildcard /usr/lib/petscdir/petsc*/*-real))
 
-# One more than there are cores: while one waits for a browser or a server the others go on.
-WORKERS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
+# As many as there are cores: one more and all take a tenth longer, pushed out of the caches.
+WORKERS ?= $(shell getconf _NPROCESSORS_ONLN)
 # The long files come first, tests/conftest.py has them.
 PARALLEL = -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
