@@ -34,6 +34,8 @@ CASES = [
     for kinematics in (PLANAR if shape in ("triangles", "quadrilaterals") else (None,))
     for order in (1, 2)
 ]
+ALTERNATING = [CASES[2 * k + k % 2] for k in range(len(CASES) // 2)]
+"""Each shape with each kinematics once, of order one and two in turn."""
 
 
 def curved(mesh):

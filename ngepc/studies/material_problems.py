@@ -63,10 +63,11 @@ def three_sheets() -> Solved:
 
     along = np.zeros((steps, 3))
     across = np.zeros((steps, 3))
-    for sheet in range(3):
-        place = mesh(0.5, 0.5, (sheet + 0.5) * thin)
-        for k, step in enumerate(run.steps):
-            tensor = step.fields.stress(place)
+    places = [mesh(0.5, 0.5, (sheet + 0.5) * thin) for sheet in range(3)]
+    for k, step in enumerate(run.steps):
+        stress = step.fields.stress
+        for sheet, place in enumerate(places):
+            tensor = stress(place)
             along[k, sheet] = tensor[0]
             across[k, sheet] = tensor[4]
     forces = along.sum(axis=1)

@@ -29,8 +29,8 @@ CELLS = {"tetrahedra": (4, 6, 8, 12, 16), "hexahedra": (4, 6, 8, 12)}
 OWN = "hexahedra of step-42"
 """Equal cells, 8 x 8 x 8 on the whole body."""
 REFINED = f"{OWN}, refined"
-HALVED = (8, 16, 32)
-"""Refinements of the equal cells: cells along an edge of the quarter, for the default method."""
+EQUAL = (4, 8, 16, 32)
+"""Cells along an edge of the quarter: the equal cells of step-42, and their refinements."""
 TOLERANCE = 1e-8
 """Options of the runs on these meshes."""
 
@@ -68,7 +68,7 @@ def multigrid_run(cells: int) -> Result:
     """The default method with multigrid on equal cells, nested from the mesh of step-42."""
     options = NewtonOptions(inverse=PyAMG(), tolerance=TOLERANCE)
     result = None
-    for n in (n for n in (4, *HALVED) if n <= cells):
+    for n in (n for n in EQUAL if n <= cells):
         result = semismooth_newton(
             step42_problem(equal_cells(n)), start=result, options=options
         )
@@ -100,10 +100,13 @@ class Step42(OverMeshes):
         meshes = [
             (shape, n) for shape, family in CELLS.items() for n in family[: self.levels]
         ]
+        coarsest, *halved = EQUAL
         runs = [
-            (*mesh, method) for mesh in (*meshes, (OWN, 4)) for method in METHODS[::-1]
+            (*mesh, method)
+            for mesh in (*meshes, (OWN, coarsest))
+            for method in METHODS[::-1]
         ]
-        runs += [(REFINED, n, "default") for n in HALVED[: max(0, self.levels - 2)]]
+        runs += [(REFINED, n, "default") for n in halved[: max(0, self.levels - 2)]]
         return [
             {"mesh": shape, "cells": n, "method": method} for shape, n, method in runs
         ]

@@ -75,11 +75,10 @@ def bent(k, order=1, N=2):
     return Problem(CUBE, YIELDING, traction=load, springs={"contact": k}, order=order)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("k", [30.0, (2e3, 5e2), 1e6])
+@pytest.mark.parametrize(("k", "order"), [(30.0, 2), ((2e3, 5e2), 1), (1e6, 2)])
 def test_energies_do_not_cross(k, order):
     bound = error_bound(semismooth_newton(bent(k, order)))
-    fine = error_bound(semismooth_newton(finer(bound.problem, 3)))
+    fine = error_bound(semismooth_newton(finer(bound.problem, 2)))
     assert bound.state.at.yields.any()
     assert bound.least_energy < fine.least_energy < fine.energy < bound.energy
     assert bound.total < 1.8 * (bound.energy - fine.energy + fine.total / 2)

@@ -64,6 +64,11 @@ def plastic(mesh, order, **changes):
     return Problem(mesh, order=order, **given)
 
 
+def cubes(n):
+    """The unit cube in n x n x n equal ones."""
+    return block.structured_mesh(n, n, n)
+
+
 def volumes(mesh):
     """The volumes of the elements."""
     return np.array(Integrate(CF(1), mesh, element_wise=True))
@@ -187,8 +192,7 @@ def test_the_elastic_energy_is_bounded_from_above_and_sharply(order):
         assert (found <= exact[those.numbers] * (1 + 1e-6)).all()
 
 
-@BOTH
-@pytest.mark.parametrize("make", [tapered, lambda n: block.structured_mesh(n, n, n)])
+@pytest.mark.parametrize(("make", "order"), [(tapered, 2), (cubes, 1)])
 def test_the_energy_is_bounded_from_above(order, make):
     result = semismooth_newton(plastic(make(2), order))
     assert result.state.plastic_measure > 0.2
@@ -206,8 +210,7 @@ def test_the_energy_is_bounded_from_above(order, make):
     assert 0 <= found.sum() - near.sum() <= 0.05 * bound
 
 
-@BOTH
-@pytest.mark.parametrize("make", [tapered, lambda n: block.structured_mesh(n, n, n)])
+@pytest.mark.parametrize(("make", "order"), [(tapered, 1), (cubes, 2), (tapered, 2)])
 def test_an_affine_solution_has_no_error(order, make):
     """Tension of a block whose side 'right' is slanted: its traction is sigma n."""
     mesh = make(2)
@@ -344,7 +347,7 @@ def test_obstacles_that_are_not_known_between_the_rows(order):
 
 def test_goals_and_refinement(tmp_path):
     problem = plastic(block.structured_mesh(2, 2, 2), 1, contact="contact", gap=3e-4)
-    finer = block.structured_mesh(3, 3, 3, simplices=True)
+    finer = block.structured_mesh(2, 2, 2, simplices=True)
     fine = semismooth_newton(replace(problem, mesh=finer, order=2))
     u = fine.displacement
     mean = Integrate(u[0], finer, definedon=finer.Boundaries("right"))
@@ -382,18 +385,18 @@ def test_what_is_not_covered_is_refused_by_name():
         with pytest.raises(ValueError, match=match):
             error_bound(result)
 
-    cubes = block.structured_mesh(2, 2, 2)
+    whole = cubes(2)
     refused("faces that are not flat", moved(block.structured_mesh(2, 2, 2), bent))
     with pytest.raises(ValueError, match="not convex"):
         check_hexahedra(moved(block.structured_mesh(1, 1, 1), folded))
     refused("mesh has prisms: a bound needs tetrahedra", prisms(1))
     rubbed = {"contact": "contact", "gap": -1e-3, "friction": 0.3}
-    refused("friction=0.3: a bound on hexahedra of order 2", cubes, 2, **rubbed)
+    refused("friction=0.3: a bound on hexahedra of order 2", whole, 2, **rubbed)
     hill = replace(STEEL, hill=Hill.r_values(1.8, 1.2, 2.3))
-    refused("hexahedra: a bound with Hill's", cubes, material=hill)
-    pull = GridFunction(H1(cubes, order=1))
+    refused("hexahedra: a bound with Hill's", whole, material=hill)
+    pull = GridFunction(H1(whole, order=1))
     pull.Set(1.0)
-    refused("traction is made of a Grid", cubes, traction={"right": (pull, 0.0, 0.0)})
-    first = semismooth_newton(plastic(cubes, 1))
+    refused("traction is made of a Grid", whole, traction={"right": (pull, 0.0, 0.0)})
+    first = semismooth_newton(plastic(whole, 1))
     changes = {"initial_plastic_strain": first.plastic_strain}
-    refused("initial_plastic_strain varies inside", cubes, **changes)
+    refused("initial_plastic_strain varies inside", whole, **changes)

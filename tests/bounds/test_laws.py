@@ -111,8 +111,9 @@ def test_integrals_of_the_strain_energy_are_bounded_from_below(law):
         assert 0.2 * exact <= bound <= exact * (1 + 1e-4)
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    ("law", "order"), [("Voce", 1), ("Swift", 2), ("table", 1), ("own", 2)]
+)
 def test_the_bound_is_above_the_error(law, order):
     """The energy of a finer mesh of order two is no less than the least one."""
     coarse = semismooth_newton(pulled(*LAWS[law], 3, order=order))

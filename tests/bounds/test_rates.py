@@ -114,8 +114,7 @@ def test_slopes_enclose_differences(name):
 
 
 @pytest.mark.parametrize(
-    ("order", "name"),
-    [(1, name) for name in RATES] + [(2, name) for name in RATES if name != "own"],
+    ("order", "name"), [(1, "linear"), (2, "power"), (1, "own"), (2, "Voce")]
 )
 def test_energies_and_goals_of_finer_meshes(name, order):
     problem = pulled(RATES[name], order)

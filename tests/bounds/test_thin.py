@@ -112,8 +112,9 @@ def fine_result(name):
     return semismooth_newton(finer(sheet(MATERIALS[name]), 2))
 
 
-@pytest.mark.parametrize("name", MATERIALS)
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    ("order", "name"), [(1, "linear"), (2, "mixed"), (1, "Voce"), (2, "Voce")]
+)
 def test_energies_do_not_cross(name, order):
     bound = error_bound(semismooth_newton(sheet(MATERIALS[name], order)))
     fine = error_bound(fine_result(name))
@@ -124,9 +125,7 @@ def test_energies_do_not_cross(name, order):
     assert bound.per_cell.min() > -1e-9 * bound.total
 
 
-@pytest.mark.parametrize(
-    ("order", "name"), [(1, "Voce"), *((2, name) for name in MATERIALS)]
-)
+@pytest.mark.parametrize(("order", "name"), [(2, "linear"), (1, "mixed"), (2, "Voce")])
 def test_fine_goals_are_in_the_intervals(name, order):
     """And as near to them as in plane strain: the strain across is chosen well."""
     material = MATERIALS[name]

@@ -88,12 +88,12 @@ def test_limit_loads_by_the_command_line(tmp_path, capsys):
     assert record["lower"] == pytest.approx(20 / 3**0.5, rel=1e-6)
     assert record["growing"] == ["contact"]
     assert 0 < record["wall_time_s"] < 300
-    assert main(["limit", "bree-hot", "--json", "-", "--quiet"]) == 0
-    cycles = json.loads(capsys.readouterr().out)
+    words = ["limit", "bree-hot", "--quiet", "--figures", str(tmp_path / "bree")]
+    kept = tmp_path / "bree.json"
+    assert main([*words, "--json", str(kept)]) == 0
+    cycles = json.loads(kept.read_text())
     assert cycles["guaranteed"]
     assert cycles["lower"] <= 1 <= cycles["upper"]
-    words = ["limit", "bree-hot", "--quiet", "--figures", str(tmp_path / "bree")]
-    assert main(words) == 0
     names = {path.name for path in (tmp_path / "bree").iterdir()}
     kinds = ("bracket", "mechanism", "residual")
     assert names == {f"bree-hot_{kind}.png" for kind in kinds}
@@ -317,8 +317,8 @@ def test_examples_of_help_pages_are_legal_and_each_command_has_one():
 @pytest.mark.parametrize(
     "choice",
     [
-        ["--nodes", "833", "--method", "primal"],
-        ["--nodes", "833"],
+        ["--nodes", "417", "--method", "primal"],
+        ["--nodes", "417"],
         ["--nodes", "113", "--gamma", "1e3", "--start", "coarse"],
     ],
 )
@@ -348,7 +348,7 @@ def test_a_report_on_an_unfinished_run_tells_what_its_pictures_show(
 ):
     saved, arguments = (
         tmp_path / "run.npz",
-        ["lshape", "--nodes", "113", "--method", method],
+        ["lshape", "--nodes", "33", "--method", method],
     )
     limit = ["--max-iterations", "2"]
     assert main(["solve", *arguments, *limit, "--save", str(saved)]) == 1

@@ -59,8 +59,7 @@ PIECES = 6
 
 
 @pytest.mark.parametrize(
-    ("make", "accuracy"),
-    [(sphere, 0.5), (sphere, 0.05), (nafems_nl1, 0.05), (rubbing, 0.5)],
+    ("make", "accuracy"), [(sphere, 0.2), (nafems_nl1, 0.05), (rubbing, 0.5)]
 )
 def test_the_estimate_is_within_a_factor_of_two_everywhere(make, accuracy):
     """At every end of a step with an error above a thousandth, not only at the last one."""
@@ -99,7 +98,7 @@ def test_accuracy_is_reached():
     problem, schedule = sphere()
     errors = []
     counts = []
-    for accuracy in (0.2, 0.05):
+    for accuracy in (0.5, 0.05):
         found = evolve(problem, schedule, accuracy=accuracy)
         assert found.time_error <= accuracy
         errors.append(found.time_error)

@@ -44,14 +44,10 @@ def run(problem):
 
 
 def finer(problem):
-    """The problem on cells that are bisected twice, and which cell each of them lies in."""
-    inside = np.arange(problem.mesh.ne)
-    for _ in range(2):
-        everywhere = np.ones(problem.mesh.ne, dtype=bool)
-        mesh, parents = bisected(problem.mesh, everywhere)
-        problem = on_mesh(problem, mesh, parents)
-        inside = inside[parents]
-    return problem, inside
+    """The problem on cells that are bisected, and which cell each of them lies in."""
+    everywhere = np.ones(problem.mesh.ne, dtype=bool)
+    mesh, parents = bisected(problem.mesh, everywhere)
+    return on_mesh(problem, mesh, parents), parents
 
 
 def state_of(step):

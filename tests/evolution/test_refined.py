@@ -29,7 +29,7 @@ KINEMATIC = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=120.0
 )
 MATERIALS = {1: MATERIAL, 2: KINEMATIC}
-BUDGETS = {1: 0.08, 2: 0.015}
+BUDGETS = {1: 0.12, 2: 0.03}
 
 
 def pulled(order=1, **data):

@@ -332,7 +332,7 @@ def test_a_finer_mesh_may_have_a_bound():
 def test_a_bound_that_stays_infinite_ends_the_run():
     """At the limit of what the law carries: the run says so, and the verdict is undecided."""
     problem = saturating(2.8)
-    few = Refinement(max_nodes=60)
+    few = Refinement(max_nodes=40)
     run = solve_to(problem, 0.1, few)
     assert not run.reached
     with pytest.raises(RuntimeError, match="the error bound is infinite"):

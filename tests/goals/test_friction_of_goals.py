@@ -47,7 +47,7 @@ def dragged(order=1, friction=0.3 + 0.2 * x, yield_stress=1.25):
 def test_fine_goals_are_in_the_intervals(order, friction):
     """Where some nodes slip, all slip, or all stick."""
     result = semismooth_newton(dragged(order, friction))
-    fine = semismooth_newton(finer(replace(result.problem, order=2), 2))
+    fine = semismooth_newton(finer(replace(result.problem, order=2), order))
     for goal in GOALS:
         coarse = goal_bound(result, goal)
         better = goal_bound(fine, goal)

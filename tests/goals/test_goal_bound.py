@@ -176,7 +176,7 @@ def test_the_work_of_the_load_of_the_wrench(order):
 
 def test_several_goals_share_factors_and_what_rows_have_taught():
     """The tangent is factorised once, and an adjoint takes few solves with it."""
-    problem = replace(example("lshape", 1601), order=1)
+    problem = replace(example("lshape", 833), order=1)
     goals = GoalProblem(semismooth_newton(problem))
     tangent = goals._adjoints.tangent
     moduli = tangent.moduli
@@ -231,8 +231,7 @@ def test_reactions_of_supports_that_meet_add_up():
         goal_bound(result, Reaction("right", 0))  # two of its vertices are held
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("size", [(3, 3), (2, 1, 1)])
+@pytest.mark.parametrize(("size", "order"), [((3, 3), 2), ((2, 1, 1), 1)])
 def test_the_goal_of_a_result_is_its_own_number(size, order):
     """Quadrilaterals and hexahedra are cut for the interval, not for what the result says."""
     N = len(size)
@@ -298,8 +297,7 @@ def test_forces_on_two_sides_are_those_of_their_rows(order):
         assert found.discrete == pytest.approx(force, rel=1e-9)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("gap", [0.0, 3e-4])
+@pytest.mark.parametrize(("order", "gap"), [(2, 0.0), (1, 3e-4)])
 def test_contact_that_meets_a_clamp(order, gap):
     """The gap is open at the corner or closed; a force needs an adjoint that can move there."""
     traction = {"right": (1.0, 2.5)}

@@ -86,8 +86,7 @@ EXACT = {
 """Load, goals and their values."""
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("pair", [PAIR, TURNED], ids=["above", "below"])
+@pytest.mark.parametrize(("order", "pair"), [(1, TURNED), (2, PAIR)])
 @pytest.mark.parametrize("name", EXACT)
 def test_intervals_of_an_exact_solution_contain_it(order, pair, name):
     """They are as narrow as rounding errors allow, and not inverted by these."""
@@ -137,9 +136,8 @@ GOALS = {
 }
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("order", "pair"), [(1, PAIR), (2, TURNED)])
 @pytest.mark.parametrize("made", GOALS)
-@pytest.mark.parametrize("pair", [PAIR, TURNED], ids=["above", "below"])
 def test_fine_values_lie_inside(order, made, pair):
     problem = made(order, pair)
     goal_problem = GoalProblem(semismooth_newton(problem))

@@ -40,9 +40,7 @@ def heated(kinematics, **loads):
     return Problem(mesh, steel(0.3), None, **given, **strain, **loads)
 
 
-@pytest.mark.parametrize(
-    ("tension", "thermal"), [(0.8, 0.8), (0.6, 1.2), (0.3, 2.0), (0.0, 1.0)]
-)
+@pytest.mark.parametrize(("tension", "thermal"), [(0.8, 0.8), (0.3, 2.0), (0.0, 1.0)])
 def test_bree(tension, thermal):
     """Bree, J. Strain Analysis 2 (1967): X + Y / 4 <= 1 (ratchetting), Y <= 2 (alternation)."""
     found = shakedown_load(bree_problem(), bree_vertices(tension, thermal))
@@ -81,7 +79,7 @@ def test_residual_stresses_are_admissible():
         assert values.max() <= 1 + 1e-12
 
 
-@pytest.mark.parametrize("pressure", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("pressure", [0.0, 0.9])
 def test_clamped_sheet(pressure):
     """Stresses t and t + Y along it within the ellipse of yield: Y^2 + 3 P^2 <= 4."""
     problem = heated("plane stress", traction={"contact": (0, 1.0)})

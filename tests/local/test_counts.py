@@ -43,10 +43,7 @@ def test_example_b():
             (833, r, n)
             for r, n in ((1, 5), (1e-1, 10), (1e-2, 15), (1e-3, 22), (1e-4, 25))
         ),
-        *(
-            (1601, r, n)
-            for r, n in ((1, 6), (1e-1, 11), (1e-2, 15), (1e-3, 22), (1e-4, 25))
-        ),
+        *((1601, r, n) for r, n in ((1e-1, 11), (1e-3, 22))),
     ],
 )
 def test_small_hardening(nodes, ratio, most):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import CASES, pressed_body
+from bodies import ALTERNATING, CASES, pressed_body
 from saddle_forms import SaddleForms
 
 from ngepc import (
@@ -28,6 +28,7 @@ CHOLESKY = "sparsecholesky"
 DIRECT = (CHOLESKY, "umfpack")
 
 every_case = pytest.mark.parametrize(("shape", "kinematics", "order"), CASES)
+in_turn = pytest.mark.parametrize(("shape", "kinematics", "order"), ALTERNATING)
 
 
 def random_state(discrete):
@@ -46,7 +47,7 @@ def relative(a, b):
     return np.abs(a - b).max() / np.abs(b).max()
 
 
-@every_case
+@in_turn
 def test_condensed_saddle_forms_are_the_tangent(shape, kinematics, order):
     """u x p x q, condensed by NGSolve, answers forces as the matrix assembled directly does."""
     discrete = DiscreteProblem(pressed_body(shape, kinematics, order))
@@ -76,7 +77,7 @@ def test_newton_steps_with_the_forms_solve_a_problem(shape):
     assert np.abs(missing).max() < 1e-11 * np.abs(load).max()
 
 
-@every_case
+@in_turn
 def test_newton_takes_the_same_decisions_with_forms(shape, kinematics, order):
     """What touches, what yields and how long the steps are, iterate by iterate."""
     problem, numbers = pressed_body(shape, kinematics, order), []

@@ -33,14 +33,10 @@ METAL = Material.kinematic(
 )
 PERFECT = Material.with_law(lame_lambda=1e3, lame_mu=1e3, law=Voce(4.0, 0.0, 1.0))
 SAMPLE = {
-    "discretisation/conditions.py:ContactConditions._areas summed": "clamped",
     "discretisation/conditions.py:ContactConditions.at_vertices summed": "clamped",
-    "discretisation/conditions.py:ContactConditions.forces summed": "ribs",
     "discretisation/conditions.py:at_rows summed": "ribs",
     "discretisation/gap_records.py:nearer_between_nodes maximum": "ribs",
     "discretisation/loads.py:Supports.pull summed": "springs",
-    "discretisation/points.py:Points.integral total": "clamped",
-    "discretisation/sampling.py:Scan._hidden maximum": "ribs",
     "evolution/result.py:StepRecord.of maximum": "steps",
     "linalg/descent.py:conjugate_gradients dot": "clamped",
     "local/indicators.py:averaged summed": "clamped",

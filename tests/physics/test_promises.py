@@ -10,11 +10,9 @@ from ngsolve.meshes import MakeStructured3DMesh
 from ngepc import (
     Material,
     NewtonOptions,
-    PrimalOptions,
     Problem,
     lshape_problem,
     outward_normal,
-    primal_newton,
     semismooth_newton,
     wrench_problem,
 )
@@ -112,13 +110,3 @@ def overlap_between_nodes(problem):
 def test_no_point_is_beyond_yield(solved):
     points = solved.problem.mesh.MapToAllElements(solved.discrete.points.rules, VOL)
     assert np.max(solved.yield_function(points)) < 1e-10 * solved.problem.beta
-
-
-def test_the_primal_witness_agrees(solved):
-    witness = primal_newton(solved.problem, options=PrimalOptions(tolerance=1e-12))
-    u, other = (r.displacement.vec.FV().NumPy() for r in (solved, witness))
-    assert abs(u - other).max() < 1e-9 * abs(u).max()
-    assert witness.primal_energy == pytest.approx(solved.primal_energy, rel=1e-12)
-    assert witness.contact_force == pytest.approx(
-        solved.contact_force, rel=1e-9, abs=1e-12
-    )

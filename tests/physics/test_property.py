@@ -80,7 +80,7 @@ ROUNDED_UP = Draw(  # a step to the end of the feasible set left z = 1e-17 > 0
 @example(ROUNDED_UP)
 @example(dataclasses.replace(USUAL, body="lshape", gap="pushed"))
 @example(dataclasses.replace(USUAL, body="hole", gap="touching", history=2.0))
-@example(dataclasses.replace(USUAL, body="cube", maxh=0.2, gap="near"))
+@example(dataclasses.replace(USUAL, body="cube", maxh=0.3, gap="near"))
 def test_methods_agree_and_statuses_are_honest(draw):
     verdict = examine(draw)
     assert verdict["failures"] == ()

@@ -5,8 +5,18 @@ import pytest
 from ngepc.studies.benchmarks import BENCHMARKS, Benchmarks
 from ngepc.studies.solid_problems import Quantity
 
-ELSEWHERE = {"vertical cut", "Prandtl's strip", "Bree's plate"}
-"""Limit and shakedown loads that tests/limit compares with the same closed forms."""
+ELSEWHERE = {
+    "vertical cut",
+    "Prandtl's strip",
+    "Bree's plate",
+    "Bree's plate, shakedown",
+    "relaxation",
+}
+"""What other tests compare with the same closed forms.
+
+Limit and shakedown loads in tests/limit, Bree's cycles in tests/evolution/test_temperature.py,
+relaxation in tests/physics/test_rates.py.
+"""
 
 QUICK = sorted(set(BENCHMARKS) - {"sphere on a flat", "SSNV506"} - ELSEWHERE)
 

@@ -14,6 +14,7 @@ from ngsolve import x
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
 from ngepc.geometries import block, lshape
+from ngepc.local import choice
 from ngepc.local.choice import DIRECT
 from ngepc.local.warm import WarmSolver
 from ngepc.pictures import views
@@ -263,8 +264,9 @@ def test_a_picture_has_the_positions_and_values_of_the_viewer(dim):
     assert viewer["objects"] == frame["scene"]["objects"]
 
 
-def test_factors_are_kept_for_solids_that_multigrid_would_solve():
-    problem = indented_block(2)
+def test_factors_are_kept_for_solids_that_multigrid_would_solve(monkeypatch):
+    monkeypatch.setattr(choice, "MOST_BY_FACTORS_LARGER", 500)
+    problem = indented_block(1)
     solver = WarmSolver()
     solver.solve(problem)
     moved = replace(problem, gap=problem.gap + 1e-4)

@@ -15,7 +15,7 @@ MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, **TRUTH)
 def indentation(depth: float) -> tuple[Problem, Schedule]:
     """A parabola pressed into a block in four steps, and a fifth step back."""
     problem = Problem(
-        block.structured_mesh(6, 3, size=(2.0, 1.0), simplices=True),
+        block.structured_mesh(4, 2, size=(2.0, 1.0), simplices=True),
         MATERIAL,
         contact="contact",
         gap=1.0,

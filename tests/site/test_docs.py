@@ -43,7 +43,7 @@ COARSER = {
     "docs/first_steps.md": {"maxh=0.25": "maxh=5.0", "maxh=1.0": "maxh=12.0"},
     "docs/cycles.md": {"steps=50": "steps=5"},
     "docs/error_bound.md": {
-        "relative_error=0.05": "relative_error=0.4",
+        "relative_error=0.05": "relative_error=0.6",
         " error=0.1)": " error=0.5)",
     },
     "docs/gallery.md": {"paper_mesh(833)": "paper_mesh(113)"},

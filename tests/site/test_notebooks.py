@@ -96,21 +96,29 @@ COARSER = {
     },
     "exercises/8_calibration.ipynb": {"block.mesh(0.25,": "block.mesh(0.5,"},
     "solutions/1_newton_without_armijo.ipynb": {
+        "paper_mesh(245)": "paper_mesh(123)",
         "gammas = (1e2, 1e3, 1e4, 1e5)": "gammas = (1e2, 1e4, 1e5)",
         "bare = NewtonOptions(linesearch=None, max_iterations=60)": (
             "bare = NewtonOptions(linesearch=None, max_iterations=40)"
         ),
     },
     "solutions/3_new_hardening_law.ipynb": {
+        "steps=40": "steps=20",
+        "steps=14": "steps=10",
         "example = lshape_problem(lshape.paper_mesh(113))": (
             "example = lshape_problem(lshape.paper_mesh(65))"
-        )
+        ),
     },
     "solutions/6_own_path.ipynb": {
-        "paper_mesh(873)": "paper_mesh(245)",
-        "paper_mesh(225)": "paper_mesh(113)",
+        "paper_mesh(873)": "paper_mesh(123)",
+        "paper_mesh(225)": "paper_mesh(65)",
     },
-    "solutions/8_calibration.ipynb": {"block.mesh(0.25,": "block.mesh(0.5,"},
+    "solutions/8_calibration.ipynb": {
+        "block.mesh(0.25,": "block.mesh(0.5,",
+        '"yield_stress": 5.0, "hardening": 200.0': (
+            '"yield_stress": 3.0, "hardening": 100.0'
+        ),
+    },
 }
 """Notebook -> meshes, steps and accuracies of its cells, and those with which they run here.
 
