@@ -159,8 +159,8 @@ def nearer_between_nodes(problem: Problem) -> str:
 
 
 def gap_records(problem: Problem) -> NodeGaps:
-    """The gaps of all nodes of facets, one after the other."""
-    found = []
+    """The gaps of all nodes of facets of this process, one after the other."""
+    found = [[np.zeros(0)] * len(NodeGaps._fields)]
     for name in problem.contact_names:
         scan = scanned_gap(problem, name)
         facets = problem.mesh.Boundaries(name).Elements()
