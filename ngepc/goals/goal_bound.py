@@ -189,7 +189,7 @@ class GoalProblem:
             )
             raise ValueError(
                 f"{names}: a goal bound needs a body force that is constant on elements and "
-                "tractions that are affine"
+                "tractions that are affine; displacement_bracket(result, ...) takes any load"
             )
         self._copied: tuple[Problem, np.ndarray] | None = None
         self._cut: ExactResult | None = None

@@ -214,7 +214,7 @@ _BOUNDARIES = "loads and components of displacements on boundaries"
 FEATURES = {
     "plane strain": _feature("another kinematics", _kinematics, "plane strain"),
     "two-dimensional": _feature("another kinematics", _kinematics, "two-dimensional"),
-    "plane stress": _feature("another kinematics", _kinematics, "plane stress"),
+    "plane stress": _feature("plane strain or a solid", _kinematics, "plane stress"),
     "axisymmetric": _feature("a plane problem or a solid", _kinematics, "axisymmetric"),
     "solid": _feature("a plane problem", _kinematics, "solid"),
     "other kinematics": _feature("a kinematics of ngepc", _own_kinematics),

@@ -18,9 +18,12 @@ from ngepc import (
     MeanDisplacement,
     Problem,
     Reaction,
+    confidence,
     contact_force_bracket,
+    displacement_bracket,
     goal_bound,
     semismooth_newton,
+    solve_to,
 )
 from ngepc.bounds.bound import bound_data_of
 from ngepc.geometries import block
@@ -378,6 +381,24 @@ def test_what_is_no_goal_is_refused(goal, word):
     result = semismooth_newton(problem)
     with pytest.raises((TypeError, ValueError), match=word):
         goal_bound(result, goal)
+
+
+def test_what_a_refusal_advises_covers_the_problem():
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    held = {"pressure": {"right": y**3}, "order": 2}
+    result = semismooth_newton(Problem(mesh, MATERIAL, **held))
+    with pytest.raises(ValueError, match=r"; displacement_bracket\(result, \.\.\.\)"):
+        goal_bound(result, "work")
+    found = displacement_bracket(result, {"right": (1.0, 0.0)})
+    assert np.isfinite(found.upper - found.lower)
+
+    ring = Problem(mesh, MATERIAL, pressure={"right": 1.0}, kinematics="axisymmetric")
+    with pytest.raises(ValueError, match=r"; confidence\(result\)"):
+        goal_bound(semismooth_newton(ring), "work")
+    assert confidence(semismooth_newton(ring)).startswith("Guaranteed")
+    with pytest.raises(ValueError, match=r"; solve_to\(problem, relative_error\)"):
+        solve_to(ring, goal="work")
+    assert solve_to(ring, 0.3).reached
 
 
 def test_components_have_numbers():
