@@ -34,7 +34,7 @@ from ngepc.bounds.transfer import (
 )
 from ngepc.discretisation.factors import Factors
 from ngepc.local.indicators import COVERS as ESTIMATED
-from ngepc.local.indicators import error_indicators
+from ngepc.local.indicators import indicators_of
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State
 from ngepc.model.features import HISTORY_FEATURES, is_covered
@@ -66,7 +66,7 @@ def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
         return None
     found = None
     if is_covered(problem, ESTIMATED):
-        indicators = error_indicators(result).vec.FV().NumPy()
+        indicators = indicators_of(result.state)
         found = bisected_where_outstanding(problem.mesh, indicators)
     found = with_matching(problem, found)
     if found is None:

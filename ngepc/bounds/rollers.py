@@ -109,7 +109,7 @@ def slanted_nodes(problem: Problem, supports: Supports) -> SlantedNodes:
     sides: the node is held along their mean only, and the displacement penetrates both sides.
     """
     N = problem.N
-    scalar = supports.space.components[0]
+    scalar = supports.scalar
     held = HeldDirections(supports)
     for place in problem.rollers:
         held.added(place, *directions_of_roller(problem, scalar, place))

@@ -25,7 +25,7 @@ from ngepc.discretisation.points import Points, on_children
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import ACTING
-from ngepc.model.elements import vertex_coordinates
+from ngepc.model.elements import inverses, vertex_coordinates
 from ngepc.model.material import Material
 from ngepc.model.own import MeshState
 from ngepc.model.problem import Problem
@@ -318,12 +318,15 @@ def shares_in_parents(before: Points, after: Points, parents: np.ndarray) -> Sha
     ends = before.mesh.dim + 1
     known = before.blocks[0].nodes[parents, :ends]
     wanted = after.blocks[0].nodes[:, :ends]
-    known = vertex_coordinates(before.mesh)[known]
-    wanted = vertex_coordinates(after.mesh)[wanted]
-    other = np.flatnonzero((known != wanted).any(axis=(1, 2)))
-    known = np.insert(known[other], 0, 1.0, axis=2)
-    wanted = np.insert(wanted[other], 0, 1.0, axis=2)
-    return Shares(other, np.matmul(wanted, np.linalg.inv(known)))
+    x = vertex_coordinates(before.mesh)
+    y = vertex_coordinates(after.mesh)
+    moved = (x != y[: len(x)]).any(axis=1)
+    other = np.flatnonzero(((known != wanted) | moved[known]).any(axis=1))
+    corners = x[known[other]]
+    origin = corners[:, :1]
+    share = np.matmul(y[wanted[other]] - origin, inverses(corners[:, 1:] - origin))
+    first = 1.0 - share.sum(axis=2, keepdims=True)
+    return Shares(other, np.concatenate([first, share], axis=2))
 
 
 def carried_state(
@@ -351,9 +354,10 @@ def carried_state(
 
 def tractions_at_vertices(result: ExactResult) -> np.ndarray:
     """Contact pressure and friction on the obstacle (stress), (vertices, 1 + N)."""
-    pressure = result.contact_pressure.vec.FV().NumPy()
-    friction = result.friction_stress.vec.FV().NumPy()
-    return np.column_stack([pressure, -nodal(friction, result.problem)])
+    tangents = result.rows.tangents
+    friction = np.einsum("md,mdj->mj", result.nodal_friction_forces, tangents)
+    forces = np.column_stack([result.pressing, friction])
+    return result.discrete.contact.densities(forces)
 
 
 def forces_of_rows(discrete: DiscreteProblem, stress: np.ndarray) -> np.ndarray:

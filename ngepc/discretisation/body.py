@@ -77,7 +77,7 @@ class DiscreteBody:
         self.rows = self.contact.rows
         self.free = self.supports.free
         # nodal forces, shape (nodes, N)
-        self.load = applied_forces(problem, self.supports.space)
+        self.load = applied_forces(problem, self.supports.scalar)
 
     def __getstate__(self) -> dict:
         """Everything except matrices of NGSolve, which are assembled again."""

@@ -63,7 +63,7 @@ class ContactConditions:
     def __init__(self, problem: Problem, supports: Supports) -> None:
         pairs = [mortar_rows(problem, supports, pair) for pair in problem.contact_pairs]
         rollers = roller_rows(problem, supports)
-        obstacles, self._row_gaps = rows_and_gaps(problem, supports.space.components[0])
+        obstacles, self._row_gaps = rows_and_gaps(problem, supports.scalar)
         self.absent = not (problem.touching_names or rollers)
         self._movable = obstacles.movable(supports.free)
         parts = [obstacles.chosen(self._movable)]
@@ -202,6 +202,14 @@ class ContactConditions:
         own[self._own_rows] = values[self._own_rows]
         return self._vertices.summed(self.rows.at_vertices(own, self._vertex_count))
 
+    def densities(self, forces: np.ndarray) -> np.ndarray:
+        """Forces (m, k) of the rows over the area of their vertices (stress), (vertices, k).
+
+        Zero at vertices without area.
+        """
+        area = self.vertex_areas
+        return self.at_vertices(forces) / np.where(area > 0, area, 1.0)[:, None]
+
     def area(self, chosen: np.ndarray) -> float:
         """The area that belongs to some rows, boolean of shape (m,)."""
         return float(self.sum_of(np.where(chosen, self.rows.weights, 0.0)))
@@ -275,9 +283,9 @@ def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarr
 def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
     """Nodal displacements at the start of the step, shape (nodes, N), zero if none are given."""
     given = problem.initial_displacement
-    space = supports.space
     if given is None:
         return np.zeros_like(supports.values)
+    space = supports.space
     own = isinstance(given, GridFunction) and given.space.mesh is space.mesh
     if not (own and len(given.vec) == space.ndof):
         given = GridFunction(space)
@@ -353,7 +361,7 @@ def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows
 
     A ValueError if two supports give a node different displacements along one direction.
     """
-    scalar = supports.space.components[0]
+    scalar = supports.scalar
     held = HeldDirections(supports)
     result = {}
     for place in problem.rollers:

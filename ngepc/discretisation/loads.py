@@ -12,7 +12,7 @@ have shape (nodes, N): one row for each degree of freedom of a displacement comp
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations_with_replacement, product
 
 import numpy as np
@@ -93,11 +93,11 @@ def displacement_space(problem: Problem) -> FESpace:
     return V
 
 
-def free_unknowns(V: FESpace) -> np.ndarray:
-    """Whether no support holds an unknown of a space, as booleans; without a call for each."""
-    ones = CreateVVector(V.ndof)
+def as_booleans(bits: BitArray) -> np.ndarray:
+    """Which bits are set; without a call for each."""
+    ones = CreateVVector(len(bits))
     ones[:] = 1.0
-    Projector(V.FreeDofs(), True).Project(ones)
+    Projector(bits, True).Project(ones)
     return ones.FV().NumPy() != 0
 
 
@@ -111,7 +111,7 @@ def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
         if on_edges
         else scalar.mesh.Boundaries(place)
     )
-    return np.flatnonzero(np.array(scalar.GetDofs(region), dtype=bool))
+    return np.flatnonzero(as_booleans(scalar.GetDofs(region)))
 
 
 def shares_of_supports(problem: Problem) -> dict[Place, np.ndarray]:
@@ -319,15 +319,17 @@ def nodal(vector: np.ndarray, problem: Problem) -> np.ndarray:
     return vector.reshape(problem.N, -1).T
 
 
-def applied_forces(problem: Problem, V: FESpace) -> np.ndarray:
-    """Nodal forces of all loads, shape (nodes, N)."""
-    load = LinearForm(V)
+def applied_forces(problem: Problem, scalar: FESpace) -> np.ndarray:
+    """Nodal forces of all loads, shape (nodes, N); ``scalar`` is the space of one component."""
     scans = scanned_loads(problem)
-    for term in work_of(problem, V.TestFunction(), scans):
-        load += term
-    forces = nodal(load.Assemble().vec.FV().NumPy(), problem).copy()
+    forces = np.zeros((scalar.ndof, problem.N))
+    for along, unit in zip(forces.T, np.eye(problem.N).tolist(), strict=True):
+        v = scalar.TestFunction() * CF(tuple(unit))
+        terms = work_of(problem, v, scans)
+        if terms:
+            along[:] = LinearForm(sum(terms[1:], terms[0])).Assemble().vec.FV().NumPy()
     for scan in scans.values():
-        forces += hidden_forces(problem, scan, V.components[0])
+        forces += hidden_forces(problem, scan, scalar)
     for place, g in problem.loads.items():
         if isinstance(place, Point):
             vertices, values = values_at(g, problem.mesh, place)
@@ -370,7 +372,7 @@ def _springs_at_point(
 class Supports:
     """The supports of the body: held components, given displacements and springs."""
 
-    space: FESpace  # ``displacement_space``
+    scalar: H1  # the space of one component of the displacement
     free: np.ndarray  # boolean, shape (nodes, N): components that no support holds
     values: np.ndarray  # prescribed displacements, zero elsewhere, shape (nodes, N)
     springs: dict[Place, csr_matrix]
@@ -382,14 +384,15 @@ class Supports:
     def __init__(self, problem: Problem, like: Supports | None = None) -> None:
         """``like`` are supports of the same components of the same mesh, or None."""
         self.problem = problem
-        self.space = displacement_space(problem) if like is None else like.space
-        free = nodal(free_unknowns(self.space), problem)
+        if like is None:
+            self.scalar = H1(problem.mesh, order=problem.order)
+        else:
+            self.scalar = like.scalar
+            self._take_space(like)
+        holding, lift = self._held()
         processes = problem.nodal_processes
-        holding = processes.summed((~free).astype(float))
-        lift = nodal(
-            prescribed_displacement(problem, self.space).vec.FV().NumPy(), problem
-        )
-        self.values = processes.summed(lift.copy()) / np.maximum(holding, 1)
+        holding = processes.summed(holding)
+        self.values = processes.summed(lift) / np.maximum(holding, 1)
         if like is not None and same_fields(problem, like.problem, "springs"):
             self.free = like.free
             self.springs = like.springs
@@ -402,13 +405,35 @@ class Supports:
         self.springs = {
             p: spring_matrix(problem, self.space, p, k) for p, k in constants
         }
-        self.stiffness = sum(self.springs.values(), csr_matrix((free.size, free.size)))
+        self.stiffness = sum(self.springs.values(), csr_matrix(2 * (holding.size,)))
+
+    @cached_property
+    def space(self) -> FESpace:
+        """``displacement_space``: solvers do without it."""
+        return displacement_space(self.problem)
+
+    def _take_space(self, like: Supports) -> None:
+        """Take over the space of the displacements if it was made."""
+        if "space" in vars(like):
+            vars(self)["space"] = like.space
+
+    def _held(self) -> tuple[np.ndarray, np.ndarray]:
+        """Ones where a component is held, and given displacements there, both (nodes, N)."""
+        problem = self.problem
+        holding = np.zeros((self.scalar.ndof, problem.N))
+        lift = np.zeros_like(holding)
+        for _, place, axis, component in problem.held:
+            holding[nodes_at(self.scalar, place), axis] = 1.0
+            if place not in problem.clamped_names:
+                nodes, values = given_at(self.scalar, place, component)
+                lift[nodes, axis] = values
+        return holding, lift
 
     def _hold_axis(self) -> None:
         """On the axis of a body of revolution the radial displacement vanishes."""
         mesh = self.problem.mesh
         radii = np.abs(vertex_coordinates(mesh)[:, 0])
-        scalar = self.space.components[0]
+        scalar = self.scalar
         there = radii <= 1e-12 * radii.max()
         self.free[: len(there)][there, 0] = False
         for facet in mesh.Elements(BND):

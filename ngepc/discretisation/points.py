@@ -322,6 +322,7 @@ class Points:
         order: int,
         *,
         mean_volume: bool = False,
+        scalar: H1 | None = None,
     ) -> None:
         self.mesh = mesh
         self.kinematics = kinematics
@@ -329,7 +330,7 @@ class Points:
         self.seen = {}
         self.processes = nodal_processes_of(mesh, order)
         self.rules = plastic_points(mesh, order)
-        self.scalar = H1(mesh, order=order)
+        self.scalar = H1(mesh, order=order) if scalar is None else scalar
         self._mapped = mesh.MapToAllElements(self.rules, mesh.Materials(".*"))
         jacobians = specialcf.JacobianMatrix(mesh.dim)(self._mapped)
         jacobians = jacobians.reshape(-1, mesh.dim, mesh.dim)

@@ -213,7 +213,7 @@ def meeting_faces(
 
 def contact_rows(problem: Problem, supports: Supports) -> ContactRows:
     """The discrete contact condition of a problem; no rows without a contact boundary."""
-    rows = rows_and_gaps(problem, supports.space.components[0])[0]
+    rows = rows_and_gaps(problem, supports.scalar)[0]
     return rows.chosen(rows.movable(supports.free))
 
 

@@ -128,7 +128,7 @@ class DualResult(Result):
         V = self.functional.blocks.Y.components[0]
         internal = blocks.D * self.y - blocks.load
         contact = blocks.Lambda.T * self.v
-        applied = applied_forces(self.problem, V).T
+        applied = applied_forces(self.problem, V.components[0]).T
         free = Supports(self.problem).free.T
         internal, contact = (
             f.Evaluate().FV().NumPy()[: V.ndof].reshape(applied.shape).copy()

@@ -143,7 +143,7 @@ def displacement_bracket(
     u = result.state.u
     require_covered(problem, "a bracket", COVERS)
     load = replace(problem, traction=traction, body_force=body_force, pressure=None)
-    forces = applied_forces(load, result.discrete.supports.space)
+    forces = applied_forces(load, result.discrete.supports.scalar)
     size = float(np.abs(forces).sum() * np.abs(u).max())
     if not size > 0:
         raise ValueError(

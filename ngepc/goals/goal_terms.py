@@ -157,7 +157,7 @@ class GoalTerms:
             return np.zeros_like(discrete.load)
         if self.load is discrete.problem:
             return discrete.load
-        return applied_forces(self.load, discrete.supports.space)
+        return applied_forces(self.load, discrete.supports.scalar)
 
     def carried(self, bound_data: BoundData) -> tuple[np.ndarray, CarriedLoads]:
         """Facet moments of the load's tractions, and its body forces.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import L2, ElementId, GridFunction, IntegrationRule, specialcf
 from ngsolve import VOL as BODY
+from ngsolve.fem import L2FE
 
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.law import SOFTEST
@@ -70,21 +71,26 @@ def error_indicators(result: ExactResult) -> GridFunction:
         For other results and what is not covered.
     """
     require_instance("result", result, ExactResult, "an ExactResult")
-    state = result.state
-    points = result.discrete.points
-    law = result.discrete.law
     require_covered(result.problem, "error_indicators", COVERS)
+    space = L2(result.problem.mesh, order=0)
+    indicators = GridFunction(space, name="error_indicators")
+    indicators.vec.FV().NumPy()[:] = indicators_of(result.state)
+    return indicators
+
+
+def indicators_of(state: State) -> np.ndarray:
+    """The same for a state, an array (elements,)."""
+    points = state.discrete.points
+    law = state.discrete.law
     stress = np.column_stack(law.stress(state.at))
     soft = plastic_compliance(state)
 
-    mesh = result.problem.mesh
-    alike = elements_by_shape(mesh)
+    alike = elements_by_shape(points.mesh)
     pairs = zip(points.blocks, alike, strict=True)
     shapes = [ShapeIndicators(points, block, *of) for block, of in pairs]
     recovered = averaged(points, shapes, stress)
 
-    indicators = GridFunction(L2(mesh, order=0), name="error_indicators")
-    values = indicators.vec.FV().NumPy()
+    values = np.empty(points.mesh.ne)
     for shape in shapes:
         at = shape.block.points
         left = shape.difference(recovered, stress)
@@ -99,7 +105,7 @@ def error_indicators(result: ExactResult) -> GridFunction:
         density += shear[:, None] * np.einsum("eqi,eqi->eq", deviator, deviator)
         density += np.einsum("eqp,ep->eq", along**2, share * soft[at])
         values[shape.numbers] = 0.5 * (shape.weights() * density).sum(axis=1)
-    return indicators
+    return values
 
 
 def plastic_compliance(state: State) -> np.ndarray:
@@ -127,14 +133,13 @@ class ShapeIndicators:
         fine = [*self.rule.points]
 
         # The polynomial through the values at the plastic points, evaluated at the finer rule.
-        one = ElementId(BODY, int(numbers[0]))
-        polynomials = L2(mesh, order=plastic_order(mesh, order)).GetFE(one)
+        polynomials = L2FE(self.kind, plastic_order(mesh, order))
         known = np.array([np.array(polynomials.CalcShape(*p)) for p in places])
         wanted = np.array([np.array(polynomials.CalcShape(*p)) for p in fine])
         self.extended = wanted @ np.linalg.inv(known)
 
         # Coefficients of this polynomial in the space of the displacements.
-        nodal = points.scalar.GetFE(one)
+        nodal = points.scalar.GetFE(ElementId(BODY, int(numbers[0])))
         self.shapes = np.array([np.array(nodal.CalcShape(*p)) for p in fine])
         self.coefficients = np.linalg.pinv(self.shapes) @ self.extended
 

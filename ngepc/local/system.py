@@ -25,6 +25,7 @@ from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.law import Return
 from ngepc.discretisation.laws import law_of
+from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.points import Moduli, Points
 from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.linalg.secants import Compliance
@@ -50,7 +51,7 @@ class DiscreteProblem(DiscreteBody):
         super().__init__(problem, like)
         if points is None and like is not None:
             points = like.points
-        self.points = points or Points(problem.mesh, problem.kinematics, problem.order)
+        self.points = points or points_of(problem, self.supports)
         self.law = law_of(problem, self.points)
         if like is not None and self.floats_like(like):
             vars(self)["floating"] = like.floating.of_loads(self)
@@ -132,6 +133,12 @@ class DiscreteProblem(DiscreteBody):
         yielding = self.law.yielding_part(at) if yielding is None else yielding
         contact = np.zeros(len(self.contact)) if contact is None else contact
         return State(self, u, self.law.projected(yielding, at), contact, at)
+
+
+def points_of(problem: Problem, supports: Supports) -> Points:
+    """The points of a problem, with the space of its supports."""
+    parts = problem.mesh, problem.kinematics, problem.order
+    return Points(*parts, scalar=supports.scalar)
 
 
 @dataclass(frozen=True, eq=False)

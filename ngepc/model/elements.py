@@ -87,6 +87,8 @@ def element_nodes(mesh: Mesh) -> np.ndarray:
 def elements_by_shape(mesh: Mesh) -> list[tuple[np.ndarray, np.ndarray]]:
     """Numbers (k,) and vertices (k, vertices) of the elements of each shape."""
     nodes = element_nodes(mesh)[:, : 2**mesh.dim]
+    if not has_more_corners(mesh):
+        return [(np.arange(len(nodes)), nodes[:, : mesh.dim + 1].copy())]
     corners = (nodes >= 0).sum(axis=1)
     alike = [np.flatnonzero(corners == count) for count in np.unique(corners)]
     return [(numbers, nodes[numbers][:, nodes[numbers[0]] >= 0]) for numbers in alike]

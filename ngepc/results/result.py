@@ -297,15 +297,11 @@ class DiscreteSolution(Result):
 
     def _density(self, name: str, forces: np.ndarray) -> GridFunction:
         """Forces of the rows, shape (m, components), over the area that belongs to them, P1."""
-        conditions = self.state.body.contact
+        values = self.state.body.contact.densities(forces)
         mesh = self.problem.mesh
-        components = forces.shape[1]
-        space = H1(mesh, order=1) if components == 1 else VectorH1(mesh, order=1)
+        space = H1(mesh, order=1) if values.shape[1] == 1 else VectorH1(mesh, order=1)
         density = GridFunction(space, name=name)
-        area = conditions.vertex_areas
-        values = density.vec.FV().NumPy().reshape(components, mesh.nv)
-        values += conditions.at_vertices(forces).T
-        values /= np.where(area > 0, area, 1.0)
+        density.vec.FV().NumPy()[:] = values.T.ravel()
         return density
 
     @cached_property

@@ -159,7 +159,7 @@ def changed_data(state: State, direction: Direction) -> Data:
     )
     check_data(other)
     if datum in LOADS:  # forces are linear in a load
-        return Data(load=applied_forces(other, discrete.supports.space))
+        return Data(load=applied_forces(other, discrete.supports.scalar))
     if datum == "initial_strain":
         other = seen_problem(other, discrete.points)
         volume, strain = state.discrete.law.initial_parts(other, discrete.points)

@@ -25,7 +25,7 @@ SHAPES = {
 def works(problem, motions):
     """The works of the nodal forces along motions of at most degree one."""
     space = displacement_space(problem)
-    forces = applied_forces(problem, space)
+    forces = applied_forces(problem, space.components[0])
     u = GridFunction(space)
     found = []
     for motion in motions:
