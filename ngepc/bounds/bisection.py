@@ -28,21 +28,17 @@ class Bisection:
     """The triangles of a mesh, and those that they are cut into.
 
     ``points`` (vertices, 2) are the vertices: old ones keep their numbers.  ``nodes`` (nt, 3) are
-    those of each triangle, with the peak first, in the mesh's direction; ``parents`` (nt,) the
-    triangles of the mesh that they lie in.  ``ends`` (cuts, 2) are the ends of all sides that are
+    those of each triangle in the mesh's direction, of parts with the peak first; ``parents`` (nt,)
+    the triangles of the mesh that they lie in.  ``ends`` (cuts, 2) are the ends of all sides that are
     cut, ascending; the middles have the numbers that follow those of the mesh.
     """
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.points = vertex_coordinates(mesh).copy()
-        nodes = element_nodes(mesh)[:, :3]
-        x = self.points[nodes]
-        sides = np.roll(x, -1, axis=1) - np.roll(x, -2, axis=1)  # opposite to the nodes
-        peak = np.einsum("tkc,tkc->tk", sides, sides).argmax(axis=1)
-        order = (peak[:, None] + np.arange(3)) % 3
-        self.nodes = np.take_along_axis(nodes, order, axis=1)
-        self.parents = np.arange(len(nodes))
+        self.nodes = element_nodes(mesh)[:, :3].copy()
+        self.parents = np.arange(len(self.nodes))
+        self._whole = np.ones(len(self.nodes), dtype=bool)
         self.ends = np.empty((0, 2), dtype=int)
         self._count = len(self.points)
 
@@ -62,6 +58,7 @@ class Bisection:
 
     def _halved(self, chosen: np.ndarray) -> np.ndarray:
         """Cut the chosen triangles; the numbers of their second halves, the first keep theirs."""
+        self._turn(chosen[self._whole[chosen]])
         peak, start, end = self.nodes[chosen].T
         middle = self._middles(np.sort(self.nodes[chosen, 1:], axis=1))
         new = len(self.nodes) + np.arange(len(chosen))
@@ -69,7 +66,18 @@ class Bisection:
         second = np.column_stack([middle, end, peak])
         self.nodes = np.concatenate([self.nodes, second])
         self.parents = np.append(self.parents, self.parents[chosen])
+        self._whole[chosen] = False
+        self._whole = np.append(self._whole, np.zeros(len(chosen), dtype=bool))
         return new
+
+    def _turn(self, chosen: np.ndarray) -> None:
+        """Begin the nodes of triangles that are still whole with their peak."""
+        nodes = self.nodes[chosen]
+        x = self.points[nodes]
+        sides = np.roll(x, -1, axis=1) - np.roll(x, -2, axis=1)  # opposite to the nodes
+        peak = np.einsum("tkc,tkc->tk", sides, sides).argmax(axis=1)
+        order = (peak[:, None] + np.arange(3)) % 3
+        self.nodes[chosen] = np.take_along_axis(nodes, order, axis=1)
 
     def _keys(self, ends: np.ndarray) -> np.ndarray:
         """A number for each side, from its ascending ends (., 2)."""

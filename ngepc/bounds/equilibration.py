@@ -149,12 +149,15 @@ class Patches:
         degree[self._first[closed]] += 1
         place = np.arange(len(self._order)) - self._first[self._vertex]
         size = np.diff(self._first, append=len(self._order))
+        at = self._vertex[self._pairs[0]]
+        size_there = size[at]
         result = []
         for k in np.unique(size):
             alike = size == k
             corners = self._first[alike] + np.arange(k)[:, None]
-            a, b = self._pairs[:, alike[self._vertex[self._pairs[0]]]]
-            number = (np.cumsum(alike) - 1)[self._vertex[a]]
+            pairs = np.flatnonzero(size_there == k)
+            a, b = self._pairs[:, pairs]
+            number = (np.cumsum(alike) - 1)[at[pairs]]
             blocks = np.zeros((k, *corners.shape))
             blocks[np.diag_indices(k)] = degree[corners]
             blocks[place[a], place[b], number] = -1.0

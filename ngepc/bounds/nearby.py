@@ -10,7 +10,7 @@ cells alone has the residual as nodal forces.  No factors for the whole body are
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags
@@ -46,8 +46,7 @@ def strain_nearby(
     cells = cells_around(block, np.abs(missing).max(axis=1) > allowed)
     if len(cells) > FEW * len(block.nodes):
         return None
-    names = ("nodes", "points", "weights", "slopes")
-    part = replace(block, **{name: getattr(block, name)[cells] for name in names})
+    part = block.of(cells)
     inside = np.zeros_like(discrete.free)
     inside[part.nodes] = True
     basis = discrete.supports.basis(inside[:, 0])
@@ -66,8 +65,9 @@ def strain_nearby(
 def cells_around(block: Elements, chosen: np.ndarray) -> np.ndarray:
     """Numbers of the elements around the chosen nodes, and of rings around these."""
     there = chosen.copy()
+    columns = [column.copy() for column in block.nodes.T]
     for _ in range(1 + RINGS):
-        cells = np.flatnonzero(there[block.nodes].any(axis=1))
+        cells = np.flatnonzero(reduce(np.logical_or, [there[v] for v in columns]))
         there[block.nodes[cells]] = True
     return cells
 

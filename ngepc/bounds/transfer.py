@@ -345,7 +345,8 @@ def carried_state(
         known = tractions_at_vertices(old)
         corners = before.blocks[0].nodes[parents, :ends]
         nodes = after.blocks[0].nodes[:, :ends]
-        stress[nodes] = known[corners]
+        pressed = known.any(axis=1)[corners].any(axis=1)
+        stress[nodes[pressed]] = known[corners[pressed]]
         cells, share = shares
         stress[nodes[cells]] = np.matmul(share, known[corners[cells]])
     contact = forces_of_rows(discrete, stress)

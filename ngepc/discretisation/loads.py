@@ -32,6 +32,7 @@ from ngsolve import (
     InnerProduct,
     LinearForm,
     Mesh,
+    Parameter,
     Projector,
     VectorH1,
     VectorValued,
@@ -322,12 +323,15 @@ def nodal(vector: np.ndarray, problem: Problem) -> np.ndarray:
 def applied_forces(problem: Problem, scalar: FESpace) -> np.ndarray:
     """Nodal forces of all loads, shape (nodes, N); ``scalar`` is the space of one component."""
     scans = scanned_loads(problem)
-    forces = np.zeros((scalar.ndof, problem.N))
-    for along, unit in zip(forces.T, np.eye(problem.N).tolist(), strict=True):
-        v = scalar.TestFunction() * CF(tuple(unit))
-        terms = work_of(problem, v, scans)
-        if terms:
-            along[:] = LinearForm(sum(terms[1:], terms[0])).Assemble().vec.FV().NumPy()
+    direction = [Parameter(0.0) for _ in range(problem.N)]
+    load = LinearForm(scalar)
+    for term in work_of(problem, scalar.TestFunction() * CF(tuple(direction)), scans):
+        load += term
+    forces = np.empty((scalar.ndof, problem.N))
+    for component, along in zip(direction, forces.T, strict=True):
+        component.Set(1.0)
+        along[:] = load.Assemble().vec.FV().NumPy()
+        component.Set(0.0)
     for scan in scans.values():
         forces += hidden_forces(problem, scan, scalar)
     for place, g in problem.loads.items():

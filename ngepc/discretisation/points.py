@@ -87,14 +87,13 @@ class Elements:
             return [self]
         count = 2 * ceil(total / (2 * CHUNK))
         size = max(1, ceil(len(self.nodes) / count))
+        firsts = range(0, len(self.nodes), size)
+        return [self.of(slice(first, first + size)) for first in firsts]
+
+    def of(self, chosen: np.ndarray | slice) -> Elements:
+        """Some of the elements."""
         names = ("nodes", "points", "weights", "slopes")
-        return [
-            replace(
-                self,
-                **{name: getattr(self, name)[first : first + size] for name in names},
-            )
-            for first in range(0, len(self.nodes), size)
-        ]
+        return replace(self, **{name: getattr(self, name)[chosen] for name in names})
 
     @property
     def matrix_parts(self) -> list[Elements]:

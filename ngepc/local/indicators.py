@@ -43,6 +43,9 @@ COVERS = (
 )
 """Features that ``error_indicators`` covers."""
 
+AT_ONCE = 1000
+"""Elements that are treated together: arrays for all would be new memory each time."""
+
 
 @one_blas_thread
 def error_indicators(result: ExactResult) -> GridFunction:
@@ -81,8 +84,7 @@ def error_indicators(result: ExactResult) -> GridFunction:
 def indicators_of(state: State) -> np.ndarray:
     """The same for a state, an array (elements,)."""
     points = state.discrete.points
-    law = state.discrete.law
-    stress = np.column_stack(law.stress(state.at))
+    stress = np.column_stack(state.discrete.law.stress(state.at))
     soft = plastic_compliance(state)
 
     alike = elements_by_shape(points.mesh)
@@ -92,20 +94,34 @@ def indicators_of(state: State) -> np.ndarray:
 
     values = np.empty(points.mesh.ne)
     for shape in shapes:
-        at = shape.block.points
-        left = shape.difference(recovered, stress)
-        share = shape.block.weights / shape.block.weights.sum(axis=1, keepdims=True)
-
-        bulk = np.einsum("ep,ep->e", share, 1 / law.bulk[at])
-        shear = np.einsum("ep,ep->e", share, 1 / law.two_mu[at])
-        direction = state.at.direction[at]
-        deviator = left[:, :, 1:]
-        along = np.einsum("eqi,epi->eqp", deviator, direction)
-        density = bulk[:, None] * left[:, :, 0] ** 2
-        density += shear[:, None] * np.einsum("eqi,eqi->eq", deviator, deviator)
-        density += np.einsum("eqp,ep->eq", along**2, share * soft[at])
-        values[shape.numbers] = 0.5 * (shape.weights() * density).sum(axis=1)
+        weights = shape.weights()
+        for first in range(0, len(weights), AT_ONCE):
+            part = slice(first, first + AT_ONCE)
+            block = shape.block.of(part)
+            left = shape.difference(block, recovered, stress)
+            density = compliance_density(state, block, left, soft)
+            total = (weights[part] * density).sum(axis=1)
+            values[shape.numbers[part]] = 0.5 * total
     return values
+
+
+def compliance_density(
+    state: State, block: Elements, stress: np.ndarray, soft: np.ndarray
+) -> np.ndarray:
+    """The square (elements, q) of stresses (elements, q, s) in the tangent's compliance.
+
+    ``soft`` is ``plastic_compliance``.
+    """
+    law = state.discrete.law
+    at = block.points
+    share = block.weights / block.weights.sum(axis=1, keepdims=True)
+    bulk = np.einsum("ep,ep->e", share, 1 / law.bulk[at])
+    shear = np.einsum("ep,ep->e", share, 1 / law.two_mu[at])
+    deviator = stress[:, :, 1:]
+    along = np.einsum("eqi,epi->eqp", deviator, state.at.direction[at])
+    density = bulk[:, None] * stress[:, :, 0] ** 2
+    density += shear[:, None] * np.einsum("eqi,eqi->eq", deviator, deviator)
+    return density + np.einsum("eqp,ep->eq", along**2, share * soft[at])
 
 
 def plastic_compliance(state: State) -> np.ndarray:
@@ -156,10 +172,15 @@ class ShapeIndicators:
         size *= np.ravel(self.points.kinematics.weight(mapped))
         return size.reshape(len(self.numbers), -1) * weights
 
-    def difference(self, recovered: np.ndarray, stress: np.ndarray) -> np.ndarray:
-        """Recovered nodal stresses less those at the points, (elements, fine points, s)."""
-        smooth = np.tensordot(self.shapes, recovered[self.block.nodes.T], 1)
-        rough = np.tensordot(self.extended, stress[self.block.points.T], 1)
+    def difference(
+        self, block: Elements, recovered: np.ndarray, stress: np.ndarray
+    ) -> np.ndarray:
+        """Recovered nodal stresses less those at the points, (elements, fine points, s).
+
+        ``block`` are some of the elements.
+        """
+        smooth = np.tensordot(self.shapes, recovered[block.nodes.T], 1)
+        rough = np.tensordot(self.extended, stress[block.points.T], 1)
         return (smooth - rough).swapaxes(0, 1)
 
 
