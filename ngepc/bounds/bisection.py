@@ -29,8 +29,8 @@ class Bisection:
 
     ``points`` (vertices, 2) are the vertices: old ones keep their numbers.  ``nodes`` (nt, 3) are
     those of each triangle in the mesh's direction, of parts with the peak first; ``parents`` (nt,)
-    the triangles of the mesh that they lie in.  ``ends`` (cuts, 2) are the ends of all sides that are
-    cut, ascending; the middles have the numbers that follow those of the mesh.
+    the triangles of the mesh that they lie in.  ``ends`` (cuts, 2) are the ends of all sides that
+    are cut, ascending; the middles have the numbers that follow those of the mesh.
     """
 
     def __init__(self, mesh: Mesh) -> None:
