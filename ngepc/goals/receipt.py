@@ -31,7 +31,13 @@ from ngepc.goals import check_receipt
 from ngepc.goals.adjoint_conditions import AdjointConditions
 from ngepc.goals.goal_interval import GoalBound
 from ngepc.goals.integrand import BoundPart
-from ngepc.goals.receipt_file import basis_coordinates, in_file_order, lossy, with_hints
+from ngepc.goals.receipt_file import (
+    basis_coordinates,
+    in_file_order,
+    lossy,
+    proved_intervals,
+    with_hints,
+)
 from ngepc.goals.receipt_mesh import FileCells, Pieces
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
@@ -48,12 +54,12 @@ COVERS -= {"axisymmetric"}
 
 CLEARANCE = 1e-11
 """Fraction of the largest displacement by which bodies are moved away from the obstacle."""
-CLEAR_OF_GOAL = 1e-6
+CLEAR_OF_GOAL = 1e-7
 """The same for intervals of goals; mostly the distance is smaller."""
-NARROW = 1e-9
-"""Distance times lambda, as a fraction of the displacement of the adjoint."""
+ROUNDINGS = 8
+"""Distance to the obstacle, over what rounding can hide of displacement, gap and adjoint."""
 SPARE = 1e-3
-"""Fraction by which lambda is enlarged, so that conditions hold in spite of rounding."""
+"""Fraction by which lambda is enlarged at least, so that conditions hold in spite of rounding."""
 EXACT = 1e-15
 """Tolerance of the conditions of an adjoint on contact facets."""
 WIDER = 1e-12
@@ -120,7 +126,7 @@ def write_receipt(
         bound_data = bound_data_of(bound.state.discrete)
     check_written(bound_data, bound)
     words, header = words_of(bound_data, bound, goal)
-    header |= widened(check_receipt.proved_intervals(words, header))
+    header |= widened(proved_intervals(words, header))
     np.savez(path, header=json.dumps(header), receipt=words)
     name = "" if goal is None else "goal "
     return header[name + "lower"], header[name + "upper"]
@@ -143,28 +149,6 @@ def words_of(
     bound_data: BoundData, bound: ErrorBound, goal: GoalBound | None
 ) -> tuple[np.ndarray, dict[str, object]]:
     """The words of the file, and its header without the intervals."""
-    u, header = claims_of(bound_data, bound, goal)
-    energy = {key: header[key] for key in header.keys() - {"goal", "factor"}}
-    pieces = Pieces(bound_data.cells, bound_data.problem.order)
-    for _ in range(BISECTIONS):
-        file = FileOf(bound_data, pieces)
-        words = in_file_order(file.cells, [receipt_arrays(file, bound, u)], energy)
-        marked = lossy(words, energy, LOSS * bound.total)
-        if not marked.any():
-            break
-        pieces.bisect(marked)
-    file = FileOf(bound_data, pieces)
-    layers = [receipt_arrays(file, bound, u)]
-    if goal is not None:
-        adjoint = goal_arrays(file, goal, u)
-        layers.append({name: v / header["factor"] for name, v in adjoint.items()})
-    return with_hints(in_file_order(file.cells, layers, header), header), header
-
-
-def claims_of(
-    bound_data: BoundData, bound: ErrorBound, goal: GoalBound | None
-) -> tuple[np.ndarray, dict[str, object]]:
-    """Nodal displacements of the file, and its header without sizes and intervals."""
     header = {
         "format": check_receipt.FORMAT,
         "made by": f"ngepc {__version__}",
@@ -172,13 +156,43 @@ def claims_of(
         "order": bound_data.problem.order,
     }
     largest = np.abs(bound.state.u).max(initial=0.0)
+    u = clear_state(bound_data, bound.state, CLEARANCE * largest)
+    pieces = Pieces(bound_data.cells, bound_data.problem.order)
+    for _ in range(BISECTIONS):
+        file = FileOf(bound_data, pieces)
+        words = in_file_order(file.cells, [receipt_arrays(file, bound, u)], header)
+        body = check_receipt.Body(words, header)
+        marked = lossy(body, LOSS * bound.total)
+        if not marked.any():
+            break
+        pieces.bisect(marked)
+    file = FileOf(bound_data, pieces)
     if goal is None:
-        return clear_state(bound_data, bound.state, CLEARANCE * largest), header
-    # rounding of z . n must be less than lambda times the distance
+        layers = [receipt_arrays(file, bound, u)]
+    else:
+        factor, distance = factor_and_distance(goal, largest, body.wrong.max())
+        u = clear_state(bound_data, bound.state, CLEARANCE * largest + distance)
+        adjoint = goal_arrays(file, goal, u)
+        adjoint = {name: values / factor for name, values in adjoint.items()}
+        layers = [receipt_arrays(file, bound, u), adjoint]
+        header |= {"goal": goal.name, "factor": factor}
+    return with_hints(in_file_order(file.cells, layers, header), header), header
+
+
+def factor_and_distance(
+    goal: GoalBound, largest: float, wrong: float
+) -> tuple[float, float]:
+    """Lambda of a receipt, and the distance to the obstacle, so that rounding is less than both.
+
+    The adjoint satisfies its conditions with ``goal.factor``, so that what lambda is larger by,
+    times the distance, remains for the rounding error of z . n, which is ``wrong`` of its size.
+    ``largest`` is the largest displacement.
+    """
+    N = goal.pair.z.shape[-1]
     moves = max(np.abs(goal.pair.z).max(), goal.terms.factor.max(initial=0.0))
-    factor = max(goal.factor * (1 + SPARE), NARROW * moves / (CLEAR_OF_GOAL * largest))
-    u = clear_state(bound_data, bound.state, NARROW * moves / factor)
-    return u, header | {"goal": goal.name, "factor": factor}
+    hidden = ROUNDINGS * (N + 1) * wrong * moves
+    more = max(goal.factor * SPARE, hidden / (CLEAR_OF_GOAL * largest))
+    return goal.factor + more, hidden / more
 
 
 def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
@@ -350,7 +364,8 @@ def law_rows(bound_data: BoundData) -> np.ndarray:
         return basis_coordinates(S, bound_data.problem.kinematics.name)[:, 1:]
 
     lame = np.asarray(bound_data.discrete.points.at(material.lame_lambda))
-    moduli = np.column_stack([lame, law.two_mu / 2, law.hardening, law.beta])
+    bulk = basis.shape[1] * lame + law.two_mu
+    moduli = np.column_stack([bulk, law.two_mu / 2, law.hardening, law.beta])
     rows = np.hstack([moduli, tensors(law.initial), tensors(law.back)])
     return rows[:: bound_data.each]
 

@@ -7,8 +7,6 @@ are, and where the suprema of a goal have their tangents.
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 from ngsolve import ET, IntegrationRule
 
@@ -18,12 +16,19 @@ from ngepc.goals.receipt_mesh import FileCells
 
 LAYERED = "u", "stress", "body_force", "traction", "gap", "pressure"
 """Arrays with a layer for the energy, and one for the adjoint of a goal."""
+NAMES = (
+    "points", "cells", "other", "u", "stress", "law", "body_force", "passed", "tangent",
+    "held", "contact", "traction", "gap", "pressure",
+)  # fmt: skip
+"""The arrays in their order."""
 ROOM = 0.1
 """Part by which forces that rounding leaves are enlarged: it differs on other machines."""
 GROWTH = 1e-6
 """Part by which bounds of forces grow on each cell, so that they are larger than their sums."""
 DEGREE = 8
 """Degree of the rule that says how much bounds of energies lose."""
+SMALLEST = 1e-30
+"""Force that every cell passes on at least."""
 TANGENTS = 0.0, 0.5, 0.75, 0.9, 1.0
 """Numbers r that are tried, as parts of that where the mean of the slope vanishes."""
 
@@ -43,34 +48,39 @@ def in_file_order(
     L = len(layers)
     K = len(cells.cells)
     last |= {"points": cells.points.T, "cells": cells.cells.T, "other": cells.other}
-    last |= {"way": np.zeros((cells.N, K)), "passed": np.zeros((cells.N, K))}
+    last["passed"] = np.zeros((cells.N, cells.N + 1, K))
     last["tangent"] = np.zeros((2 * L - 2, K))
     header["sizes"] = [len(cells.points), K, len(cells.out)]
-    return packed({name: without_tiny(values) for name, values in last.items()}, header)
+    return packed(last)
 
 
 def with_hints(words: np.ndarray, header: dict[str, object]) -> np.ndarray:
-    """The words of a receipt with the ways of forces, their sizes, and tangents of suprema."""
+    """The words of a receipt with the forces that pass sides, and tangents of suprema."""
     arrays = check_receipt.arrays_in(words, header)
-    r = check_receipt.opened(words, header)
-    for component, support in enumerate(r.support):
-        way, levels = ways(r.other, support, r.K)
-        arrays["way"][component] = way
-        arrays["passed"][component] = passed(r.force[component], way, r.other, levels)
-    if "goal" in header:
-        for row, sign in enumerate((-1, 1)):
-            arrays["tangent"][row] = best_tangent(r, sign)
+    r = check_receipt.Body(words, header)
+    for component, held in enumerate(r.holds):
+        way, levels = ways(r.other, r.out[held], r.K)
+        total = passed(r.force[component], way, r.other, levels)
+        arrays["passed"][component, way, np.arange(r.K)] = total
+    for row, sign in enumerate((-1, 1)[: len(arrays["tangent"])]):
+        arrays["tangent"][row] = best_tangent(r, sign)
     return words
 
 
-def lossy(words: np.ndarray, header: dict[str, object], allowed: float) -> np.ndarray:
+def proved_intervals(words: np.ndarray, header: dict[str, object]) -> dict[str, float]:
+    """What the words of a receipt prove, by the names of the claims in its header."""
+    return check_receipt.Body(words, header).intervals(header.get("factor", 1.0))
+
+
+def lossy(r: check_receipt.Body, allowed: float) -> np.ndarray:
     """Cells whose bounds of plastic energies lose most; the others lose less than ``allowed``."""
-    r = check_receipt.opened(words, header)
-    flow = check_receipt.flow(r.s, r.beta) + mean_squared_excess(r.s, r.beta) / 2
-    size = check_receipt.lengths(r.x)
-    excess = check_receipt.squared_excess(r.x, size, r.beta)
-    excess = (excess - mean_squared_excess(r.x, r.beta)) / (2 * r.hardening)
-    loss = r.volume * np.abs(flow / (2 * r.mu + r.hardening) + excess)
+    missing = (r.stress - r.trial)[:, :, 0]
+    s = r.trial[:, 1:, 0] - r.back
+    x = r.stress[:, 1:, 0] - r.back
+    exact = check_receipt.inner(missing, missing / r.moduli)
+    exact -= mean_squared_excess(s, r.beta) / (2 * r.mu + r.hardening)
+    exact += mean_squared_excess(x, r.beta) / r.hardening
+    loss = r.volume * np.abs(r.densities()[1] - exact / 2)
     order = loss.argsort()
     found = np.zeros(r.K, dtype=bool)
     found[order] = np.cumsum(loss[order]) > allowed
@@ -93,15 +103,9 @@ def mean_squared_excess(field: np.ndarray, beta: np.ndarray) -> np.ndarray:
     return weights @ np.maximum(size - beta, 0.0) ** 2
 
 
-def without_tiny(values: np.ndarray) -> np.ndarray:
-    """Values with zeros for those that the checker refuses because of underflow."""
-    return np.where(np.abs(values) <= check_receipt.SMALLEST, 0, values)
-
-
-def packed(arrays: dict[str, np.ndarray], header: dict[str, object]) -> np.ndarray:
+def packed(arrays: dict[str, np.ndarray]) -> np.ndarray:
     """The arrays of a receipt in one row of words of 64 bits."""
-    names = check_receipt.layout(header).names
-    return np.concatenate([arrays[name].ravel() for name in names], dtype=float)
+    return np.concatenate([arrays[name].ravel() for name in NAMES], dtype=float)
 
 
 def cells_last(name: str, values: np.ndarray) -> np.ndarray:
@@ -111,19 +115,24 @@ def cells_last(name: str, values: np.ndarray) -> np.ndarray:
     return np.moveaxis(values, 0, -1)
 
 
+def basis(kinematics: str) -> np.ndarray:
+    """The matrices (c, n, n) of the coordinates of tensors in the checker."""
+    n = 2 if kinematics == "two-dimensional" else 3
+    return check_receipt.BASIS[check_receipt.LAWS[kinematics], :n, :n]
+
+
 def basis_coordinates(tensors: np.ndarray, kinematics: str) -> np.ndarray:
     """Coordinates (..., c) of symmetric tensors (..., n, n) in the basis of the checker."""
-    return np.einsum("cij,...ij->...c", check_receipt.basis(kinematics), tensors)
+    return np.einsum("cij,...ij->...c", basis(kinematics), tensors)
 
 
 def ways(
-    other: np.ndarray, support: np.ndarray, K: int
+    other: np.ndarray, place: np.ndarray, K: int
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """The side by which each cell passes on forces, and the cells by their distance.
 
-    Forces end at the places ``support`` of the boundary.
+    Forces end at the places ``place`` of the boundary.
     """
-    place = np.flatnonzero(support)
     way = np.zeros(K, dtype=int)
     way[place % K] = place // K
     reached = np.zeros(K, dtype=bool)
@@ -153,7 +162,7 @@ def passed(
     place = way * K + np.arange(K)
     after = other[place] % K
     inside = other[place] != place
-    total = np.maximum((1 + ROOM) * force, 2 * check_receipt.SMALLEST)
+    total = np.maximum((1 + ROOM) * force, SMALLEST)
     for level in levels[::-1]:
         total[level] *= 1 + GROWTH
         going = level[inside[level]]
@@ -161,16 +170,20 @@ def passed(
     return total
 
 
-def best_tangent(r: SimpleNamespace, sign: int) -> np.ndarray:
+def best_tangent(r: check_receipt.Body, sign: int) -> np.ndarray:
     """The numbers r of ``TANGENTS`` with the least suprema."""
-    y, v = check_receipt.plastic(r, sign)
-    more = check_receipt.lengths(v).mean(axis=0) - r.beta * (1 + 2 * r.H)
-    guess = np.maximum(more, 0.0) / (2 * r.H * (1 + r.H))
+    H = r.hardening / (2 * r.mu)
+    x = r.stress[:, 1:, 0] - r.back
+    p = x + sign * r.stress[:, 1:, 1]
+    y = p + r.trial[:, 1:, 0] - r.back - sign * r.trial[:, 1:, 1]
+    v = p + H * y
+    more = check_receipt.lengths(v).mean(axis=0) - r.beta * (1 + 2 * H)
+    guess = np.maximum(more, 0.0) / (2 * H * (1 + H))
     best = np.full(r.K, np.inf)
     found = np.zeros(r.K)
     for part in TANGENTS:
         tangent = part * guess
-        value = check_receipt.supremum(y, v, tangent, r.H, r.beta)
+        value = check_receipt.supremum(y, v, tangent, H, r.beta)
         found = np.where(value < best, tangent, found)
         best = np.minimum(value, best)
-    return without_tiny(found)
+    return found

@@ -31,7 +31,7 @@ from ngepc.goals import check_receipt, receipt
 from ngepc.goals.adjoint import AdjointProblem
 from ngepc.goals.adjoint_conditions import AdjointConditions
 from ngepc.goals.goal_bound import GoalProblem
-from ngepc.goals.receipt_file import packed
+from ngepc.goals.receipt_file import packed, proved_intervals
 
 MATERIAL = Material.kinematic(
     lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
@@ -63,36 +63,29 @@ def written(goal, tmp_path_factory):
 def test_one_pressure_of_an_adjoint_that_is_too_large_is_refused(written):
     """It is at most lambda times that of the solution at each point, not somewhere."""
     arrays, header = written
-    check_receipt.proved_intervals(packed(arrays, header), header)
+    proved_intervals(packed(arrays), header)
     own = arrays["pressure"][:, 0]
     place = np.unravel_index(np.argmax(own), own.shape)
     for sign in (1, -1):
         pressure = arrays["pressure"].copy()
         pressure[:, 1][place] = sign * 1.001 * own[place]
-        words = packed(arrays | {"pressure": pressure}, header)
-        body = check_receipt.opened(words, header)
-        with pytest.raises(ValueError, match="that of the adjoint too large"):
-            check_receipt.obstacle(body)
+        words = packed(arrays | {"pressure": pressure})
+        body = check_receipt.Body(words, header)
+        with pytest.raises(ValueError, match=r"^pressure: "):
+            body.obstacle()
 
 
-@pytest.mark.parametrize("stretched", [1.0, 1e-3, 1e3])
-def test_a_receipt_keeps_clear_of_rounding(stretched, goal, monkeypatch):
-    """Rounding of z . n is ``NARROW`` times z at most, and lambda times the distance no less."""
-    asked = []
-
-    def clear_state(bound_data, state, clearance):
-        asked.append(clearance)
-        return state.u
-
-    monkeypatch.setattr(receipt, "clear_state", clear_state)
+@pytest.mark.parametrize("stretched", [1.0, 1e-12, 1e3])
+def test_a_receipt_keeps_clear_of_rounding(stretched, goal):
+    """What lambda is larger by, times the distance, is more than the rounding of z . n."""
     other = replace(goal, factor=stretched * goal.factor)
-    bound_data = bound_data_of(goal.bound.state.discrete)
-    header = receipt.claims_of(bound_data, goal.bound, other)[1]
-    moves = max(np.abs(goal.pair.z).max(), 1.0)
     largest = np.abs(goal.bound.state.u).max()
-    assert header["factor"] * asked[0] == pytest.approx(receipt.NARROW * moves)
-    assert asked[0] <= receipt.CLEAR_OF_GOAL * largest * (1 + 1e-12)
-    assert header["factor"] >= other.factor
+    moves = max(np.abs(goal.pair.z).max(), 1.0)
+    for wrong in (1e-15, 1e-13, 1e-10):
+        factor, distance = receipt.factor_and_distance(other, largest, wrong)
+        assert (factor - other.factor) * distance == pytest.approx(24 * wrong * moves)
+        assert distance <= receipt.CLEAR_OF_GOAL * largest * (1 + 1e-12)
+        assert factor >= other.factor * (1 + receipt.SPARE)
 
 
 def test_lambda_for_a_zero_adjoint():

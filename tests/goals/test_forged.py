@@ -10,7 +10,7 @@ from ngsolve import x
 from ngepc import Material, Problem, goal_bound, semismooth_newton, write_receipt
 from ngepc.geometries import block
 from ngepc.goals import check_receipt
-from ngepc.goals.receipt_file import packed
+from ngepc.goals.receipt_file import packed, proved_intervals
 
 MATERIAL = Material.kinematic(
     lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
@@ -38,7 +38,7 @@ def receipt(request, tmp_path_factory):
 def refused(arrays, header, message):
     """Whether the checker refuses a receipt with a message."""
     with pytest.raises(ValueError, match=message):
-        check_receipt.proved_intervals(packed(arrays, header), header)
+        proved_intervals(packed(arrays), header)
 
 
 def copied(arrays, name):
@@ -163,30 +163,22 @@ def test_points_that_do_not_exist(change, receipt):
     arrays, header = receipt
     cells = arrays["cells"].astype(float)
     cells[0, 0] += change
-    words = packed(arrays | {"cells": cells}, header)
+    words = packed(arrays | {"cells": cells})
     with pytest.raises((ValueError, IndexError)):
-        check_receipt.proved_intervals(words, header)
+        proved_intervals(words, header)
 
 
-@pytest.mark.parametrize("name", ["cells", "other", "way"])
-def test_places_between_numbers(name, receipt):
-    arrays, header = receipt
-    values = arrays[name].astype(float)
-    values.ravel()[0] += 0.5
-    refused(arrays | {name: values}, header, f"^{name}: no whole numbers")
-
-
-@pytest.mark.parametrize("row", [1, 2, 3])
-@pytest.mark.parametrize("value", [0.0, -1.0])
+@pytest.mark.parametrize("row", [0, 1, 2, 3])
+@pytest.mark.parametrize("value", [0.0, -1.0, 1e-20])
 def test_moduli_that_are_not_positive(row, value, receipt):
-    """mu, h and beta."""
+    """B, mu, h and beta."""
     arrays, header = receipt
     values = copied(arrays, "law")
     values[row, -1] = value
     refused(arrays | {"law": values}, header, "^law: a modulus is not positive")
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e31, 1e-31, 5e-324])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e20, -1e20])
 @pytest.mark.parametrize(
     "name", ["points", "u", "stress", "gap", "passed", "law", "tangent"]
 )
@@ -228,7 +220,7 @@ def test_a_goal_with_other_weights(receipt):
         refused(arrays | {name: values}, header, "^passed: too little")
 
 
-@pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf, 1e-31])
+@pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf, 1e-20, 1e20])
 def test_a_factor_that_is_no_number(factor, receipt):
     arrays, header = receipt
     refused(arrays, header | {"factor": factor}, "^factor: |cannot convert")
@@ -245,7 +237,7 @@ def test_claims_that_are_no_numbers(claim, receipt):
 def test_claims_are_needed(receipt, tmp_path):
     arrays, header = receipt
     path = tmp_path / "receipt.npz"
-    words = packed(arrays, header)
+    words = packed(arrays)
     for name in header.keys() - {"made by"}:
         rest = {key: value for key, value in header.items() if key != name}
         np.savez(path, header=json.dumps(rest), receipt=words)
@@ -254,12 +246,12 @@ def test_claims_are_needed(receipt, tmp_path):
 
 
 def test_sizes_of_arrays_whose_sum_overflows():
-    """2^32 bytes more than there are: numpy would read arrays from before and after the file."""
-    sizes = 3719249, 17999779, 39
+    """2^32 bytes: numpy would read arrays from before and after the file."""
+    sizes = 1049394, 17183000, 40
     header = {"kinematics": "two-dimensional", "order": 1, "sizes": sizes}
-    numbers = 4 * sizes[0] + 29 * sizes[1] + 11 * sizes[2]
-    words = np.zeros(numbers - 2**29)
-    assert words.size == 104
+    numbers = 4 * sizes[0] + 31 * sizes[1] + 11 * sizes[2]
+    assert numbers - 2**29 == 104
+    words = np.broadcast_to(np.zeros(1), numbers)
     with pytest.raises(ValueError, match=r"^receipt: its arrays have other"):
         check_receipt.arrays_in(words, header)
 
@@ -268,21 +260,11 @@ def test_a_body_that_nothing_holds(receipt):
     """Forces end where it is free, or where only the component along the side is held."""
     arrays, header = receipt
     free = {"held": 0 * arrays["held"]}
-    refused(arrays | free, header, "^way: it ends where nothing holds")
+    refused(arrays | free, header, "^passed: .* where nothing holds")
     for component in range(len(arrays["held"])):
         held = copied(arrays, "held")
         held[component] = 0
-        refused(arrays | {"held": held}, header, "^way: it ends where nothing")
-
-
-@pytest.mark.filterwarnings("ignore:invalid value encountered in cast")
-@pytest.mark.parametrize("side", [-1.0, 4.0, 2.0**53, 2.0**61, -(2.0**61), 1e29])
-def test_ways_through_sides_of_other_cells(side, receipt):
-    """Products with the number of cells that overflow can be places anywhere."""
-    arrays, header = receipt
-    way = arrays["way"].astype(float)
-    way[0, 0] = side
-    refused(arrays | {"way": way}, header, "^invalid entry|^way: no whole numbers")
+        refused(arrays | {"held": held}, header, "^passed: .* where nothing holds")
 
 
 def test_a_name_is_no_claim(receipt, tmp_path):
@@ -292,7 +274,7 @@ def test_a_name_is_no_claim(receipt, tmp_path):
     for name in names:
         claims = header | {"goal": name}
         path = tmp_path / "receipt.npz"
-        np.savez(path, header=json.dumps(claims), receipt=packed(arrays, header))
+        np.savez(path, header=json.dumps(claims), receipt=packed(arrays))
         text = check_receipt.check(path)
         assert text.isprintable()
         assert f", {name!r} in ({header['goal lower']}, " in text
@@ -301,9 +283,9 @@ def test_a_name_is_no_claim(receipt, tmp_path):
 def test_a_roller_along_a_side_holds_no_torque(receipt):
     """Components across all sides of the boundary are free: the body can turn."""
     arrays, header = receipt
-    r = check_receipt.opened(packed(arrays, header), header)
+    r = check_receipt.Body(packed(arrays), header)
     along = np.abs(r.normal) < 0.5
-    refused(arrays | {"held": along}, header, "^way: it ends where")
+    refused(arrays | {"held": along}, header, "^passed: .* where nothing holds")
 
 
 def test_sizes_do_not_depend_on_the_distance_from_the_origin(receipt):
@@ -312,6 +294,6 @@ def test_sizes_do_not_depend_on_the_distance_from_the_origin(receipt):
     points = np.round(arrays["points"] * 2**10) / 2**10
     sizes = []
     for shift in (0.0, 2.0**41):
-        words = packed(arrays | {"points": points + shift}, header)
-        sizes.append(check_receipt.opened(words, header).length)
+        words = packed(arrays | {"points": points + shift})
+        sizes.append(check_receipt.Body(words, header).length)
     np.testing.assert_allclose(sizes[0], sizes[1], rtol=1e-14)
