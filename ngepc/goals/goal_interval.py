@@ -17,7 +17,8 @@ from ngepc.model.problem import Problem
 
 INFINITE = (
     "The interval is infinite, as the law does not harden: the bound does not limit strains where "
-    "the body flows. A finer mesh or some hardening is needed."
+    "the body flows. A finer mesh, hardening that goes on (curves are constant beyond their last "
+    "point), contact_force_bracket or displacement_bracket may give a finite one."
 )
 
 

@@ -401,6 +401,22 @@ def test_what_a_refusal_advises_covers_the_problem():
     assert solve_to(ring, 0.3).reached
 
 
+@pytest.mark.parametrize("last", [0.1, 1.0])
+def test_a_curve_that_ends_leaves_no_interval_but_a_bracket(last):
+    """A beam that yields: with hardening that goes on there is an interval, too."""
+    mesh = block.structured_mesh(10, 2, size=(100.0, 20.0), simplices=True)
+    curve = [(355 / 210e3, 355.0), (0.02, 420.0), (last, 500.0 * last / 0.1)]
+    metal = Material.metal(young=210e3, poisson=0.3, curve=curve)
+    result = semismooth_newton(
+        Problem(mesh, metal, clamped="left", traction={"right": (0.0, -20.0)})
+    )
+    found = goal_bound(result, MeanDisplacement("right", 1))
+    assert np.isfinite(found.width) == (last > 0.1)
+    assert ("displacement_bracket" in found.message) == (last == 0.1)
+    bracket = displacement_bracket(result, {"right": (0.0, 1 / 20)})
+    assert np.isfinite(bracket.upper - bracket.lower)
+
+
 def test_components_have_numbers():
     with pytest.raises(TypeError, match="'y': 0 for x or 1 for y or 2 for z is needed"):
         MeanDisplacement("top", "y")
