@@ -63,6 +63,9 @@ def nodes_of_facets(
         return vertices
     nodes = discrete.points.blocks[0].nodes
     count = len(cells.points)
+    there = np.zeros(count, dtype=bool)
+    there[vertices] = True
+    nodes = nodes[there[nodes[:, : cells.N + 1]].sum(axis=1) > 1]
     ends = np.array(EDGES[cells.N])
     keys = np.sort(nodes[:, ends], axis=2) @ [count, 1]
     known, first = np.unique(keys, return_index=True)

@@ -307,9 +307,16 @@ def carried_displacements(
 def on_whole_cells(
     values: np.ndarray, before: Points, after: Points, parents: np.ndarray
 ) -> np.ndarray:
-    """Nodal values (nodes, .) on a bisected mesh, right on cells that are not cut."""
+    """Nodal values (nodes, .) on a bisected mesh, right on cells that are not cut.
+
+    Vertices that are not moved keep their numbers.
+    """
+    count = before.mesh.nv
+    ends = before.mesh.dim + 1
     found = np.empty((after.scalar.ndof, values.shape[1]))
-    found[after.blocks[0].nodes] = values[before.blocks[0].nodes[parents]]
+    found[:count] = values[:count]
+    edges = after.blocks[0].nodes[:, ends:]
+    found[edges] = values[before.blocks[0].nodes[parents, ends:]]
     return found
 
 
