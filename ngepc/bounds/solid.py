@@ -56,6 +56,8 @@ from ngepc.results.iteration import newton_iteration
 
 # which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
+LENGTHS = 0.5 ** np.arange(10)
+"""Lengths of Newton steps that are tried."""
 LOOSER = 15  # factor of ``gain`` for the conjugate gradients that search the pressure
 
 TOLERANCE = 1e-8
@@ -241,6 +243,14 @@ class SolidSearch(NamedTuple):
     compliance: np.ndarray
 
 
+class Balanced(NamedTuple):
+    """A stress (nt, 16, 6) at nodes with the pressure and the w of ``foundation`` it balances."""
+
+    stress: np.ndarray
+    pressure: np.ndarray
+    sprung: np.ndarray
+
+
 class SolidBoundData(BoundData):
     """``BoundData`` on tetrahedra."""
 
@@ -262,18 +272,46 @@ class SolidBoundData(BoundData):
             return self._best_of_lower(state)
         z = self.stress(state)
         factorise(state, tangent)
-        stress, P, w = self._nearest(state, tangent, z, P)
+        found = self._nearest(state, tangent, z, P)
         for _ in range(self.effort.newton):
-            stress, P, w = self._nearest(state, tangent, stress.mean(axis=1), P)
+            mean = found.stress.mean(axis=1)
+            step = self._nearest(state, tangent, mean, found.pressure)
+            better = self._between(state, found, step)
+            if better is None:
+                break
+            found = better
+        stress, P, w = found
         return BestStress(stress, stress.mean(axis=1, keepdims=True), P, None, w)
+
+    def _between(
+        self, state: State, found: Balanced, step: Balanced
+    ) -> Balanced | None:
+        """The first of 1, 1/2, 1/4, ... of the way to ``step`` with a smaller bound, or None.
+
+        All of them are in equilibrium, as its equations are linear.
+        """
+        bound = self._estimated(state, found)
+        for length in LENGTHS:
+            pairs = zip(found, step, strict=True)
+            trial = Balanced(*(old + length * (new - old) for old, new in pairs))
+            if self._estimated(state, trial) < bound:
+                return trial
+        return None
+
+    def _estimated(self, state: State, found: Balanced) -> float:
+        """The bound with phi*, which is convex, by its means over the nodes of the parts."""
+        stress, P, w = found
+        density = self.at_nodes.value(self.at_nodes.completed(stress)).mean(axis=1)
+        inside = self.gaps(state, stress.mean(axis=1, keepdims=True))
+        inside += self.cells.volume * density
+        return float(inside.sum() + self.boundary_gaps(state, P, w).sum())
 
     def _nearest(
         self, state: State, tangent: Factors, z: np.ndarray, P: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    ) -> Balanced:
         """The best admissible stress, at nodes, for phi* expanded around stresses z (nt, 6).
 
-        The pressure is optimised as well, starting from P, and so is the w of ``foundation``: the
-        other results.
+        The pressure is optimised as well, starting from P, and so is the w of ``foundation``.
         """
         faces = self.faces
         at = self.conjugate.completed(z[:, None])
@@ -287,7 +325,7 @@ class SolidBoundData(BoundData):
         b = self.foundation.added(given, w).reshape(-1, 3) - self.cells.sums(own)
         found = self.displacements(tangent, b, self.effort.gain, found)
         stress, w = self._built_from(tangent, own, given, w, found[0])
-        return stress, P, w
+        return Balanced(stress, P, w)
 
     def _built_from(
         self,

@@ -473,3 +473,28 @@ def test_steps_of_a_history_with_friction_of_order_two():
     fine = on_mesh(problem, *bisected(problem.mesh, everywhere))
     better = error_bound(semismooth_newton(fine))
     assert bound.least_energy < better.least_energy < better.energy < bound.energy
+
+
+@pytest.mark.parametrize(("poisson", "limit"), [(0.3, 0.5), (0.4999, 40.0)])
+def test_newton_steps_lower_bounds_of_softly_hardening_solids(poisson, limit):
+    """Full steps led to 3.8 and 43,000 times the strain energy."""
+    mu = 1e3
+    material = Material.kinematic(
+        lame_lambda=2 * mu * poisson / (1 - 2 * poisson),
+        lame_mu=mu,
+        yield_stress=1.25,
+        hardening=1e-3 * mu,
+    )
+    mesh = block.structured_mesh(2, 2, 2, simplices=True)
+    load = {"contact": (1.0, 0.1, -0.5)}
+    result = semismooth_newton(Problem(mesh, material, traction=load, order=2))
+    bounds = []
+    for steps in (0, 2):
+        bound_data = bound_data_of(result.discrete)
+        effort = bound_data.lower.effort
+        bound_data.lower.effort = replace(effort, newton=steps)
+        tangent = Factors(result.discrete, "sparsecholesky")
+        bounds.append(bound_of_state(bound_data, result.state, tangent))
+    first, last = bounds
+    assert last.total <= first.total
+    assert last.relative < limit
