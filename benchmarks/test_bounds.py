@@ -20,7 +20,7 @@ from ngsolve import SetNumThreads, TaskManager
 from pyngcore import GetNumThreads
 
 from ngepc import error_bound, semismooth_newton, solve_to
-from ngepc.bounds.bound import bound_and_search, bound_data_of, bound_of, data_on
+from ngepc.bounds.of_state import bound_and_search, bound_data_of, bound_of, data_on
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.goal_bound import GoalProblem
 from ngepc.linalg.blas import one_blas_thread

@@ -6,8 +6,8 @@ A name that comes from a room (``ngepc.model``) is a module, others are classes 
 from ngepc import geometries as geometries
 from ngepc import pictures as pictures
 from ngepc._version import __version__ as __version__
-from ngepc.bounds.bound import ErrorBound as ErrorBound
 from ngepc.bounds.bound import error_bound as error_bound
+from ngepc.bounds.outcome import ErrorBound as ErrorBound
 from ngepc.dual.duality import duality_report as duality_report
 from ngepc.dual.path import PathOptions as PathOptions
 from ngepc.dual.path import follow_path as follow_path

@@ -16,7 +16,8 @@ import numpy as np
 from ngsolve import GridFunction
 
 import ngepc
-from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.outcome import ErrorBound
 from ngepc.checks.sentences import at_most_percent, counted, outward
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
 from ngepc.discretisation.loads import displacement_space

@@ -26,7 +26,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.outcome import ErrorBound
 from ngepc.checks.arguments import is_number
 from ngepc.checks.sentences import outward
 from ngepc.evolution.memory import Memory

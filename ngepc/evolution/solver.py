@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 from ngsolve import GridFunction
 
-from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.bound import error_bound
 from ngepc.bounds.counterpart import problem_on_simplices
+from ngepc.bounds.outcome import ErrorBound
 from ngepc.bounds.transfer import carried_function, check_carried, on_mesh
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance, require_path

@@ -12,10 +12,11 @@ import numpy as np
 from ngsolve import Mesh
 
 from ngepc._deprecated import renamed
-from ngepc.bounds.bound import ErrorBound, bound_and_search, data_on, thickened
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
+from ngepc.bounds.of_state import bound_and_search, data_on
+from ngepc.bounds.outcome import ErrorBound, thickened
 from ngepc.bounds.rollers import by_nodes, in_components, state_by_nodes
 from ngepc.bounds.thickness import is_of_thickness_one, with_other_thickness
 from ngepc.bounds.transfer import (

@@ -24,8 +24,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.bound import error_bound
 from ngepc.bounds.coverage import COVERS as BOUNDED
+from ngepc.bounds.outcome import ErrorBound
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words, interval_in_words
 from ngepc.discretisation.loads import applied_forces

@@ -28,10 +28,12 @@ from typing import Any
 
 import numpy as np
 
-from ngepc.bounds.bound import ErrorBound, bound_and_search, bound_data_of, state_of
+from ngepc.bounds.bound import state_of
 from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
+from ngepc.bounds.of_state import bound_and_search, bound_data_of
+from ngepc.bounds.outcome import ErrorBound
 from ngepc.bounds.rollers import result_by_nodes
 from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
 from ngepc.bounds.transfer import on_matching

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from ngsolve import L2, GridFunction
 
-from ngepc.bounds.bound import ErrorBound, thickened
+from ngepc.bounds.outcome import ErrorBound, thickened
 from ngepc.checks.sentences import interval_in_words
 from ngepc.goals.adjoint import Adjoint
 from ngepc.goals.goal_terms import GoalTerms

@@ -11,9 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ngepc.bounds.bound import ErrorBound
 from ngepc.bounds.conjugate import R6, THIN
 from ngepc.bounds.data import BoundData
+from ngepc.bounds.outcome import ErrorBound
 from ngepc.bounds.polynomials import TO_NODES
 from ngepc.bounds.simplices import stored_by_cells
 from ngepc.discretisation.hill_law import HillLaw

@@ -16,13 +16,15 @@ import numpy as np
 from ngsolve import CF, ET, VOL, IntegrationRule
 
 from ngepc._version import __version__
-from ngepc.bounds.bound import ErrorBound, bound_data_of, bound_of_state, state_of
+from ngepc.bounds.bound import state_of
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import BUBBLE, EDGES, LEVEL
 from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
+from ngepc.bounds.of_state import bound_data_of, bound_of_state
+from ngepc.bounds.outcome import ErrorBound
 from ngepc.bounds.polynomials import NODES, coefficients
 from ngepc.bounds.rollers import in_components, result_by_nodes
 from ngepc.checks.kinds import require_instance, require_path

@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-from ngepc.bounds.bound import ErrorBound
 from ngepc.bounds.data import BoundData, spring_energy
+from ngepc.bounds.outcome import ErrorBound
 
 LEAST = 0.1
 """Smallest m that is used."""

@@ -10,7 +10,8 @@ from typing import Any
 
 from ngsolve import ET, CoefficientFunction, IfPos, Mesh
 
-from ngepc.bounds.bound import error_bound, solved_problem, strain_energy
+from ngepc.bounds.bound import error_bound, solved_problem
+from ngepc.bounds.outcome import strain_energy
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import at_most_percent, in_percent

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from ngsolve import x, y
 
-from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.outcome import ErrorBound
 from ngepc.geometries import block
 from ngepc.goals.adaptive import MeshRecord, solve_to
 from ngepc.methods.newton import semismooth_newton

@@ -26,8 +26,9 @@ from ngepc import (
     semismooth_newton,
     wrench_problem,
 )
-from ngepc.bounds.bound import data_on, error_bound
+from ngepc.bounds.bound import error_bound
 from ngepc.bounds.element import ELEMENTS, PAIRS
+from ngepc.bounds.of_state import data_on
 from ngepc.geometries import block, lshape, wrench
 
 MATERIAL = Material(

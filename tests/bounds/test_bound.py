@@ -17,8 +17,9 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
-from ngepc.bounds.bound import bound_data_of, bound_of_state, error_bound
+from ngepc.bounds.bound import error_bound
 from ngepc.bounds.data import Effort
+from ngepc.bounds.of_state import bound_data_of, bound_of_state
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block, lshape
 from ngepc.geometries.bisection import triangulated

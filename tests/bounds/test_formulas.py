@@ -17,10 +17,10 @@ from ngepc import (
     semismooth_newton,
     write_receipt,
 )
-from ngepc.bounds.bound import bound_data_of
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.data import BALANCED, balanced_stress
 from ngepc.bounds.densities import AT_CORNERS, _means_by_flow
+from ngepc.bounds.of_state import bound_data_of
 from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.bounds.simplices import Simplices
 from ngepc.discretisation.factors import Factors

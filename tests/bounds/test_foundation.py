@@ -21,7 +21,7 @@ from ngepc import (
     solve_to,
     write_receipt,
 )
-from ngepc.bounds.bound import data_on
+from ngepc.bounds.of_state import data_on
 from ngepc.geometries import block
 from ngepc.goals.integrand import SpringSquares
 

@@ -33,8 +33,8 @@ from ngepc import (
     semismooth_newton,
     solve_to,
 )
-from ngepc.bounds.bound import bound_data_of, bound_of
 from ngepc.bounds.matching import Interface, matched
+from ngepc.bounds.of_state import bound_data_of, bound_of
 from ngepc.bounds.simplices import Simplices
 
 

@@ -9,10 +9,11 @@ from ngsolve import x
 
 from ngepc import Material, Problem, Reaction, Swift, Tabulated, Voce, semismooth_newton
 from ngepc.bounds.airy import AirySpace, kept_entries
-from ngepc.bounds.bound import bound_data_of, state_of
+from ngepc.bounds.bound import state_of
 from ngepc.bounds.conjugate import R6, Conjugate
 from ngepc.bounds.data import spring_energy, stress_coordinates
 from ngepc.bounds.levels import TwoLevels
+from ngepc.bounds.of_state import bound_data_of
 from ngepc.bounds.plane import strain_of
 from ngepc.bounds.vertex_matrix import BLOCKS
 from ngepc.discretisation.factors import Factors

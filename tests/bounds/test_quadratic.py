@@ -8,7 +8,8 @@ from campaigns.crossings import finer
 from ngsolve import CF, L2, GridFunction, x, y
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
-from ngepc.bounds.bound import bound_data_of, error_bound
+from ngepc.bounds.bound import error_bound
+from ngepc.bounds.of_state import bound_data_of
 from ngepc.bounds.polynomials import (
     AT_NODES,
     SPLIT,

@@ -20,7 +20,7 @@ from ngepc import (
     solve_to,
     write_receipt,
 )
-from ngepc.bounds.bound import data_on
+from ngepc.bounds.of_state import data_on
 from ngepc.bounds.polynomials import SPLIT, quadratics, triangle_rule
 from ngepc.bounds.ring_element import RR, RZ, TO_COORDINATES, TT, ZZ, RingElement
 from ngepc.bounds.ring_energy import RingEnergy, quadratics_at

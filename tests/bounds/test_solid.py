@@ -22,10 +22,11 @@ from ngepc import (
     semismooth_newton,
     solve_to,
 )
-from ngepc.bounds.bound import bound_data_of, bound_of_state, error_bound
+from ngepc.bounds.bound import error_bound
 from ngepc.bounds.coverage import FACET_RULES
 from ngepc.bounds.data import Effort
 from ngepc.bounds.element import ELEMENTS
+from ngepc.bounds.of_state import bound_data_of, bound_of_state
 from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.discretisation.factors import Factors

@@ -23,7 +23,7 @@ from ngepc import (
     verdict,
     write_receipt,
 )
-from ngepc.bounds.bound import bound_data_of
+from ngepc.bounds.of_state import bound_data_of
 from ngepc.geometries import block
 
 T = 2.5

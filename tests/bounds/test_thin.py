@@ -25,8 +25,8 @@ from ngepc import (
     solve_to,
     verdict,
 )
-from ngepc.bounds.bound import data_on
 from ngepc.bounds.densities import missed
+from ngepc.bounds.of_state import data_on
 from ngepc.geometries import block
 
 LAME = {"lame_lambda": 1.5e3, "lame_mu": 1e3}

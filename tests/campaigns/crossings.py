@@ -15,8 +15,9 @@ from campaigns.two_bodies import held_block, two_blocks
 from ngsolve import CF, Mesh, cos, sin, x, y
 
 from ngepc import Material, Overlay, Roller, semismooth_newton
-from ngepc.bounds.bound import ErrorBound, error_bound
+from ngepc.bounds.bound import error_bound
 from ngepc.bounds.counterpart import problem_on_simplices
+from ngepc.bounds.outcome import ErrorBound
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.studies.work import Work
 

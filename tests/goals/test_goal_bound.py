@@ -25,7 +25,7 @@ from ngepc import (
     semismooth_newton,
     solve_to,
 )
-from ngepc.bounds.bound import bound_data_of
+from ngepc.bounds.of_state import bound_data_of
 from ngepc.geometries import block
 from ngepc.goals.adjoint import AdjointProblem
 from ngepc.goals.goal_bound import GoalProblem

@@ -31,8 +31,8 @@ from ngepc import (
     solve_to,
     verdict,
 )
-from ngepc.bounds.bound import bound_data_of
 from ngepc.bounds.held import RigidWorks, limited_pressure
+from ngepc.bounds.of_state import bound_data_of
 from ngepc.geometries import block
 from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.resultant import largest_resultant

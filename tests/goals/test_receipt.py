@@ -24,7 +24,7 @@ from ngepc import (
     write_receipt,
 )
 from ngepc.__main__ import main
-from ngepc.bounds.bound import bound_data_of, bound_of
+from ngepc.bounds.of_state import bound_data_of, bound_of
 from ngepc.geometries import block
 from ngepc.goals import check_receipt, receipt
 from ngepc.goals.receipt_file import packed, proved_intervals
