@@ -72,7 +72,7 @@ def size(a: ndarray) -> ndarray:
 def inner(a: ndarray, b: ndarray, M: ndarray | None = None) -> ndarray:
     """Means of the products of two fields (k, c, ...)."""
     M = MEANS[len(a)] if M is None else M
-    return einsum("kc...,kc...->...", einsum("jk,kc...->jc...", M, a), b)
+    return einsum("kc...,kc...->...", (M @ a.reshape(len(a), -1)).reshape(a.shape), b)
 
 
 def outside(x: ndarray, V: ndarray) -> tuple[ndarray, ndarray]:
