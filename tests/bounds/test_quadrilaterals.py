@@ -213,19 +213,19 @@ ON_PARALLELOGRAMS = {
     ("case", "order"), [(case, 1 + k % 2) for k, case in enumerate(CASES)]
 )
 def test_the_least_energy_is_enclosed(case, order):
-    """On parallelograms, distorted and mixed meshes; no energy crosses a lower bound."""
-    problem = plastic(distorted(4), order, **CASES[case])
+    """On distorted meshes, order two with triangles between; no energy crosses a lower bound."""
+    mesh = distorted(4, mixed=order == 2)
+    problem = plastic(mesh, order, **CASES[case])
     lower, upper = fine_interval(problem)
-    for mesh in (problem.mesh, distorted(4, mixed=True)):
-        result = semismooth_newton(replace(problem, mesh=mesh))
-        bound = error_bound(result)
-        assert bound.least_energy <= upper
-        assert lower <= bound.energy
-        assert bound.problem is result.problem
-        assert bound.per_cell.sum() == pytest.approx(bound.total)
-        assert len(bound.per_cell) == mesh.ne
-        assert bound.per_cell.min() > -2e-3 * bound.total
-        assert bound.total < 2.5 * (bound.energy - lower)
+    result = semismooth_newton(problem)
+    bound = error_bound(result)
+    assert bound.least_energy <= upper
+    assert lower <= bound.energy
+    assert bound.problem is result.problem
+    assert bound.per_cell.sum() == pytest.approx(bound.total)
+    assert len(bound.per_cell) == problem.mesh.ne
+    assert bound.per_cell.min() > -2e-3 * bound.total
+    assert bound.total < 2.5 * (bound.energy - lower)
 
 
 @pytest.mark.parametrize("case", ON_PARALLELOGRAMS)

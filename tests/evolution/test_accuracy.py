@@ -54,7 +54,7 @@ def rubbing():
     return problem, Schedule((1.0, 2.0), pushed)
 
 
-PIECES = 6
+PIECES = 4
 """Steps of the reference for each step that is compared with it."""
 
 

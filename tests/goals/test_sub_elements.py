@@ -26,7 +26,7 @@ GOALS = ("work", "contact_force")
 def pressed(material, order, **data):
     """A block that is pulled below an obstacle that presses it."""
     data = {"contact": "contact", "gap": -2e-4, "order": order} | data
-    mesh = block.structured_mesh(6, 4, size=(1.0, 0.7), simplices=True)
+    mesh = block.structured_mesh(4, 3, size=(1.0, 0.7), simplices=True)
     return Problem(mesh, material, traction={"right": (5.0, -1.0)}, **data)
 
 

@@ -30,7 +30,7 @@ from ngepc import (
 from ngepc.primal.solver import primal_newton
 
 FEW = settings(
-    max_examples=10,
+    max_examples=6,
     derandomize=True,
     deadline=None,
     database=None,
