@@ -103,38 +103,51 @@ def verdict(
         As ``solve_to``, and unless one limit is given.
     """
     require_instance("problem", problem, Problem, "a Problem")
-    if (at_most is None) == (at_least is None):
-        raise ValueError(
-            f"at_most={at_most!r}, at_least={at_least!r}: one of them is needed"
-        )
+    limit, above = limit_of(at_most, at_least)
     if goal is None:
         raise TypeError(
             "goal=None: a goal of goal_bound is needed, 'contact_force' for example"
         )
-    above = at_least is None
-    name = "at_most" if above else "at_least"
-    limit = at_most if above else at_least
-    require_number(name, limit)
     require_number("seconds", seconds, 0, strict=True)
-    begin = time.perf_counter()
+    end = time.perf_counter() + seconds
 
     def decided(record: MeshRecord) -> None:
         """End the run at the first mesh whose interval decides."""
-        late = time.perf_counter() - begin > seconds
-        if late or outcome_of(record.lower, record.upper, limit, above) != UNDECIDED:
+        known = outcome_of(record.lower, record.upper, limit, above) != UNDECIDED
+        if known or time.perf_counter() > end:
             raise StopIteration
 
     tolerance = tolerance_of(problem, FINEST, goal, 100 * FINEST)
     hopeless = about_zero if limit == 0 else beside_zero
     run = run_to(problem, tolerance, options, decided, goal, hopeless)
-    required = f"required: {name.replace('_', ' ')} {limit:g}."
+    ending = run.message
+    if time.perf_counter() > end:
+        ending = f"No new mesh is started after {seconds:g} s; seconds=... allows more."
+    return verdict_of(run, limit, above, ending)
+
+
+def limit_of(at_most: float | None, at_least: float | None) -> tuple[float, bool]:
+    """The limit that is given, and whether it is one from above."""
+    if (at_most is None) == (at_least is None):
+        raise ValueError(
+            f"at_most={at_most!r}, at_least={at_least!r}: one of them is needed"
+        )
+    if at_least is None:
+        return require_number("at_most", at_most), True
+    return require_number("at_least", at_least), False
+
+
+def verdict_of(run: BoundedResult, limit: float, above: bool, ending: str) -> Verdict:
+    """What the last interval of a run says of a limit; ``ending`` is why there is no finer mesh."""
+    required = f"required: at {'most' if above else 'least'} {limit:g}."
     found = run.goal
     if found is None:
         words = f"no interval, {required} {NO_BOUND} {run.result.ending}".rstrip()
         return Verdict(UNDECIDED, None, run, words)
     outcome = outcome_of(found.lower, found.upper, limit, above)
-    sentence = " ".join(filter(None, (f"{found}, {required}", found.message)))
-    return Verdict(outcome, found, run, sentence)
+    why = ending if outcome == UNDECIDED else ""
+    said = (f"{found}, {required}", why, found.message)
+    return Verdict(outcome, found, run, " ".join(filter(None, said)))
 
 
 def beside_zero(before: GoalBound | None, now: GoalBound | None) -> str:

@@ -13,6 +13,7 @@ from ngepc import (
     Material,
     Point,
     Problem,
+    Refinement,
     confidence,
     error_bound,
     evolve,
@@ -73,6 +74,11 @@ def test_a_limit_at_the_value_is_undecided():
     problem = replace(example("lshape", 225), order=2)
     found = verdict(problem, "contact_force", at_most=FORCE, seconds=1e-6)
     assert found.outcome == "UNDECIDED"
+    assert "No new mesh is started after 1e-06 s" in str(found)
+    few = Refinement(max_nodes=230)
+    found = verdict(problem, "contact_force", at_most=FORCE, options=few)
+    assert found.outcome == "UNDECIDED"
+    assert "max_nodes=230" in str(found)
 
 
 @pytest.mark.parametrize("above", [True, False])
