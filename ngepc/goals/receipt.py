@@ -28,6 +28,7 @@ from ngepc.bounds.outcome import ErrorBound
 from ngepc.bounds.polynomials import NODES, coefficients
 from ngepc.bounds.rollers import in_components, result_by_nodes
 from ngepc.checks.kinds import require_instance, require_path
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.factors import Factors
 from ngepc.goals import check_receipt
 from ngepc.goals.adjoint_conditions import AdjointConditions
@@ -104,8 +105,9 @@ def write_receipt(
     ValueError
         For problems without a receipt; the message names the reason: friction, hardening laws,
         initial strains, plane stress, data that are known from samples only, loads and histories
-        that vary inside elements, obstacles that are not affine on facets, bodies in several
-        pieces; and everything that error bounds do not cover.
+        that vary inside elements, obstacles that are not affine on facets, gaps that are closed
+        where supports hold vertices of the contact boundary, bodies in several pieces; and
+        everything that error bounds do not cover.
     RuntimeError
         As ``error_bound``.
     """
@@ -271,7 +273,7 @@ def goal_arrays(file: FileOf, goal: GoalBound, u: np.ndarray) -> dict[str, np.nd
 def clear_state(bound_data: BoundData, state: State, clearance: float) -> np.ndarray:
     """Displacements (nodes, N) at a distance from the obstacle, in spite of rounding.
 
-    Vertices that supports hold are not changed.
+    Vertices that supports hold are not changed: a gap that is closed there is refused.
     """
     contact = copy(bound_data.contact)
     contact.boundary = copy(bound_data.boundary)
@@ -279,6 +281,11 @@ def clear_state(bound_data: BoundData, state: State, clearance: float) -> np.nda
     free = bound_data.discrete.supports.free[contact.nodes[:, :N]]
     normal = np.where(free, contact.normal[:, None], 0.0)
     moves = np.einsum("eac,eac->ea", normal, normal) > LEVEL
+    if (~moves & (contact.slack(state.u)[:, :N] < clearance)).any():
+        raise ValueError(
+            f"contact={in_words(bound_data.problem.contact)}: a receipt needs an open gap where "
+            "supports hold vertices of the boundary"
+        )
     contact.boundary.gap = contact.boundary.gap - clearance * moves
     return contact.cleared(state.u)
 

@@ -758,6 +758,10 @@ def test_a_damaged_file_fails(tmp_path, capsys):
         ({"body_force": (0.0, -x * y)}, "body_force"),
         ({"contact": "contact", "gap": -0.01 * x * x, "order": 1}, "gap"),
         ({"kinematics": "plane stress", "order": 1}, "plane stress"),
+        (
+            PRESSED | {"clamped": "left", "contact": "clamped", "gap": 0.0},
+            "contact='clamped': a receipt needs an open gap",
+        ),
     ],
 )
 def test_what_has_no_receipt_is_refused_by_name(data, named, tmp_path):
