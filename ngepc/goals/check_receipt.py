@@ -247,6 +247,7 @@ class Body:
         pulled = inner(self.traction[:, :, :, None], u[:, :, None], M)
         self.work = np.append(self.volume * done, self.outer * pulled, axis=-1)
         self.room = self.gap - einsum("txLB,xB->tLB", u, self.normal)
+        self.near = (self.N * np.abs(u).max(axis=1) + np.abs(self.gap)).sum(axis=1)
         opened = inner(self.pressure[:, None], self.room[:, None, :1], M)
         self.opened = self.outer * opened
         slope = self.degree**1.5 * self.N * self.steep * size(change)
@@ -278,7 +279,7 @@ class Body:
         right = (P >= 0).all() and not self.pressure[..., self.contact == 0].any()
         need(right, "pressure: negative, or too large beside another")
         c = self.room[:, 0] - np.abs(self.room[:, 1:]).sum(axis=1)
-        c = c[:, self.contact != 0] - self.wrong.max() * self.moves
+        c = (c - self.wrong.max() * self.near)[:, self.contact != 0]
         right = (c[: self.N] >= 0).all()
         right = right and (c[self.N :] >= -(1 - EPS) * np.sqrt(c[0] * c[1])).all()
         need(right, "u: inside the obstacle, or the adjoint wrong there")
