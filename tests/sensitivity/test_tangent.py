@@ -221,7 +221,7 @@ def test_friction_at_its_bound_is_one_sided():
     mu = (np.abs(stuck.nodal_friction_forces[:, 0]) / stuck.nodal_contact_forces).max()
     result = semismooth_newton(pressed(mu)).raise_for_status()
     slopes = gradient(result, "contact_force", "friction")
-    assert "1 contact rows and 0 points are biactive" in slopes.message
+    assert "1 contact row and 0 points are biactive" in slopes.message
     more, less = (tangent(result, {"friction": rate}) for rate in (1.0, -1.0))
     assert more.contact_force == pytest.approx(0.0, abs=1e-9)
     other = semismooth_newton(pressed(mu - 1e-6)).raise_for_status()
