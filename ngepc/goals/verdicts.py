@@ -142,12 +142,21 @@ def verdict_of(run: BoundedResult, limit: float, above: bool, ending: str) -> Ve
     required = f"required: at {'most' if above else 'least'} {limit:g}."
     found = run.goal
     if found is None:
-        words = f"no interval, {required} {NO_BOUND} {run.result.ending}".rstrip()
-        return Verdict(UNDECIDED, None, run, words)
+        said = (f"{narrowest(run.records)}, {required}", NO_BOUND, run.result.ending)
+        return Verdict(UNDECIDED, None, run, " ".join(filter(None, said)))
     outcome = outcome_of(found.lower, found.upper, limit, above)
     why = ending if outcome == UNDECIDED else ""
     said = (f"{found}, {required}", why, found.message)
     return Verdict(outcome, found, run, " ".join(filter(None, said)))
+
+
+def narrowest(records: Sequence[MeshRecord]) -> str:
+    """The narrowest interval of meshes without one on the last of them, in words."""
+    best = min(records, key=lambda record: record.upper - record.lower)
+    if not math.isfinite(best.upper - best.lower):
+        return "no interval"
+    ends = f"{best.lower:.6g} to {best.upper:.6g}"
+    return f"no interval on the last mesh ({ends} on {best.nodes} nodes)"
 
 
 def beside_zero(before: GoalBound | None, now: GoalBound | None) -> str:

@@ -23,7 +23,8 @@ from ngepc import (
     verdict,
 )
 from ngepc.geometries import block, ring
-from ngepc.goals.verdicts import outcome_of
+from ngepc.goals.adaptive import MeshRecord
+from ngepc.goals.verdicts import narrowest, outcome_of
 from ngepc.studies.examples import example
 
 MATERIAL = Material.kinematic(
@@ -246,3 +247,12 @@ def test_travel_before_contact_does_not_make_a_result_better(friction):
         for travel in (0.0, 1.0, 100.0)
     }
     assert len(lines) == 1
+
+
+def test_without_an_interval_on_the_last_mesh_the_narrowest_is_named():
+    unknown = MeshRecord(9, 1, 0.0, math.inf, 0.0, math.inf, -math.inf, math.inf)
+    wide = replace(unknown, nodes=5, lower=-1.0, upper=3.0)
+    narrow = replace(unknown, nodes=7, lower=0.5, upper=1.25)
+    assert narrowest([unknown]) == "no interval"
+    found = narrowest([wide, narrow, unknown])
+    assert found == "no interval on the last mesh (0.5 to 1.25 on 7 nodes)"
