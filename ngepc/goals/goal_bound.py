@@ -324,7 +324,9 @@ class GoalProblem:
             factor *= 8
             if factor > largest:
                 raise RuntimeError(
-                    f"goal={start.goal.name}: a support holds a vertex that touches the obstacle"
+                    f"goal={start.goal.name}: a support holds a vertex that touches the obstacle, "
+                    "where the adjoint should move; end the contact boundary or open the gap "
+                    "before the support, or ask for 'work' or a displacement"
                 )
             adjoint = self._adjoints.of(start, factor)
         integrand = self._of_bound.integrand(adjoint)

@@ -722,6 +722,7 @@ def test_the_file_says_pass_or_fail_and_why(tmp_path):
     assert done.stdout == ""
     assert done.stderr.startswith("FAIL: ")
     assert "Traceback" not in done.stderr
+    assert "pickle" not in done.stderr
 
 
 def test_sums_are_enclosed():
