@@ -118,15 +118,18 @@ class TwoLevels:
         self._whole: TwoLevels | None = None
 
     def focused(
-        self, per_cell: np.ndarray | None = None, share: float = SHARE
+        self,
+        per_cell: np.ndarray | None = None,
+        share: float = SHARE,
+        rings: int = RINGS,
     ) -> TwoLevels:
         """The solver with factors for the vertices where this share of the bound is.
 
-        ``per_cell`` is the bound on each triangle.  All vertices are taken without it, and if these
-        would be most of the triangles.
+        ``per_cell`` is the bound on each triangle; ``rings`` of triangles around are added.  All
+        vertices are taken without it, and if these would be most of the triangles.
         """
         if per_cell is not None:
-            near = self._cells.around(marked(per_cell, share), RINGS)
+            near = self._cells.around(marked(per_cell, share), rings)
             if 2 * len(near) <= len(per_cell):
                 return self._with_factors(self._cells.nodes[near])
         if self._whole is None:

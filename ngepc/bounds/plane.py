@@ -34,6 +34,9 @@ ADJOINT_GAIN = 0.05
 ADJOINT_SHARE = 0.6
 """The direct solver of this search takes the triangles with this share of what is missed."""
 
+ADJOINT_RINGS = 6
+"""... and so many rings of triangles around them."""
+
 MOST_STEPS = 40
 """Largest number of steps of the adjoint's search."""
 
@@ -351,7 +354,7 @@ class PlaneBoundData(BoundData):
         w = self.foundation.affine(near.u)
         tau = self.admissible(stress, self.foundation.added(moments, w))
         missed, right = missed_energy(functional, search.compliance, tau)
-        system = search.system.focused(missed, ADJOINT_SHARE)
+        system = search.system.focused(missed, ADJOINT_SHARE, ADJOINT_RINGS)
         bound = float(missed.sum() + self.foundation.gaps(z.u, w).sum())
         x, energy = system.solve(right, bound, ADJOINT_GAIN, MOST_STEPS)
         self.space.add_stress(x, tau)

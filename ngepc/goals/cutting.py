@@ -26,19 +26,23 @@ def potential_integrals(
     w: np.ndarray,
     volume: np.ndarray,
     rest: np.ndarray,
+    cell: np.ndarray,
 ) -> np.ndarray:
-    """Integrals over the cells of Phi from above, and of a ``rest`` that is given.
+    """Integrals over the cells of Phi from above, on some of them, and of a ``rest`` on all.
 
     Parameters
     ----------
     law, pulled, w
-        The law on the cells; the coefficients (cells, k, d) of q/(2 mu_2), and those of w or, where
-        it is constant on cells, (cells, 1, d).
-    volume, rest
-        Volumes of the cells and integrals over them, (cells,).
+        The law on some cells; the coefficients (n, k, d) of q/(2 mu_2), and those of w or, where
+        it is constant on cells, (n, 1, d).
+    volume
+        Volumes of these cells, (n,).
+    rest
+        Integrals over all cells, (cells,).
+    cell
+        The numbers of those where Phi is wanted, (n,).
     """
     result = rest.copy()
-    cell = np.arange(len(rest))
     last = LEVELS[pulled.shape[1]]
     for level in range(last + 1):
         bound, estimate = volume * law.means(pulled, w)

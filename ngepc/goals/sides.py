@@ -9,25 +9,51 @@ and the supremum over the mean strain is that of sigma A + lambda B,
 
     (sigma A + lambda B)^2/(4 lambda K),   A = tau_m - K tr eps(z),  B = sigma^_m - K tr eps_h.
 
-So all of the supremum but Phi is known for every lambda from five integrals over each cell.
+So all of the supremum but Phi is known for every lambda from five integrals over each cell.  Where
+|q/(2 mu_2)| and |w| are at most lambda beta/(2 mu_2), nothing yields, and Phi is a square, too:
+
+    2 mu_2 |sigma G + lambda R|^2/(4 lambda),   G = T - eps(z),  R = S + s/(2 mu_2).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from ngepc.bounds.polynomials import portions
 from ngepc.bounds.simplices import of_cells
 from ngepc.discretisation.resistance import Resistance
 from ngepc.goals.cutting import potential_integrals
-from ngepc.goals.pieces import MEANS, RULE, WEIGHTS, applied, mean_products
+from ngepc.goals.pieces import (
+    MEANS,
+    RULE,
+    WEIGHTS,
+    applied,
+    largest_of,
+    mean_products,
+    pieces_last,
+    products,
+)
 from ngepc.goals.supremum import ScaledLaw
 from ngepc.goals.supremum_of_ellipsoids import EllipsoidLaw
 from ngepc.goals.supremum_of_laws import NonlinearLaw
 
 AnyLaw = ScaledLaw | NonlinearLaw | EllipsoidLaw
 """What Phi depends on, by the kind of law."""
+
+MANY = 0.3
+"""Cells where nothing yields are treated by themselves if they are more than this part."""
+
+
+def largest_sizes(values: np.ndarray) -> np.ndarray:
+    """No less than the sizes of vectors on each cell, (n,), from coefficients (n, k, d)."""
+    found = np.empty(len(values))
+    for cells in portions(len(values)):
+        part = pieces_last(values[cells])
+        found[cells] = np.sqrt(largest_of(products(part, part)))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +101,16 @@ class ResultOnCells:
     mean: np.ndarray
     law: LawOnCells
     size: np.ndarray
+
+    @cached_property
+    def of_trial(self) -> np.ndarray:
+        """No less than the sizes of s/(2 mu_2) on the cells, (cells,)."""
+        return largest_sizes(self.trial)
+
+    @cached_property
+    def of_sigma(self) -> np.ndarray:
+        """The same for S."""
+        return largest_sizes(self.sigma)
 
     def of(self, chosen: slice | np.ndarray) -> ResultOnCells:
         """Those on some of the cells."""
@@ -140,16 +176,53 @@ class Sides:
         law = self.result.law
         return self.squares[0] + self.result.size * law.two_mu * squares / 4
 
+    @cached_property
+    def _of_strain(self) -> np.ndarray:
+        """No less than the sizes of eps(z) on the cells, (cells,)."""
+        return largest_sizes(self.strain)
+
+    @cached_property
+    def _of_tau(self) -> np.ndarray:
+        """The same for T."""
+        return largest_sizes(self.tau)
+
+    def elastic(self, factor: float) -> np.ndarray:
+        """Cells where nothing yields for both signs, as booleans; some may be left out."""
+        law = self.result.law
+        none = np.zeros(len(law.beta), dtype=bool)
+        if law.form is not None:
+            return none
+        limit = factor * law.beta / law.two_mu
+        within = self._of_strain + factor * self.result.of_trial <= limit
+        if within.mean() <= MANY:
+            return none
+        return within & (self._of_tau + factor * self.result.of_sigma <= limit)
+
+    @cached_property
+    def _elastic_squares(self) -> np.ndarray:
+        """Like ``squares``, of G and R times the root of mu_2/2."""
+        found = np.empty_like(self.squares)
+        M = MEANS[self.tau.shape[1]]
+        for cells in portions(len(self.tau)):
+            G = pieces_last(self.tau[cells] - self.strain[cells])
+            R = pieces_last(self.result.sigma[cells] + self.result.trial[cells])
+            means = (M @ x.reshape(len(M), -1) for x in (G, R))
+            of_G, of_R = (mean.reshape(G.shape) for mean in means)
+            pairs = (of_G, G), (of_G, R), (of_R, R)
+            found[:, cells] = [np.einsum("kdn,kdn->n", *pair) for pair in pairs]
+        return self.result.size * self.result.law.two_mu / 4 * found
+
     def rest(self, sign: float, factor: float) -> np.ndarray:
         """Integrals of all but Phi over the cells, (cells,)."""
-        adjoint, both, own = self.squares
-        squares = adjoint / factor + 2 * sign * both + factor * own
         of_sign, of_factor = self.linear
-        return squares + sign * of_sign + factor * of_factor
+        rest = square_of_sum(self.squares, sign, factor)
+        return rest + sign * of_sign + factor * of_factor
 
     def pulled(self, sign: float, factor: float) -> np.ndarray:
         """Coefficients of q/(2 mu_2), (cells, k, d)."""
-        return sign * self.tau + factor * self.result.sigma
+        found = factor * self.result.sigma
+        add = np.add if sign > 0 else np.subtract
+        return add(found, self.tau, out=found)
 
     def w(self, sign: float, factor: float) -> np.ndarray:
         """Those of w, (cells, k or 1, d)."""
@@ -159,19 +232,47 @@ class Sides:
         """What Phi depends on, for lambda."""
         return self.result.law.scaled(factor)
 
+    def _split(
+        self, sign: float, factor: float
+    ) -> tuple[np.ndarray, np.ndarray, Sides]:
+        """Integrals over the cells without Phi where the body may yield, and what is there.
+
+        These are the numbers of cells, and the supremum on them.
+        """
+        rest = self.rest(sign, factor)
+        elastic = self.elastic(factor)
+        cell = np.flatnonzero(~elastic)
+        if len(cell) == len(rest):
+            return rest, cell, self
+        potential = square_of_sum(self._elastic_squares, sign, factor)
+        return rest + np.where(elastic, potential, 0.0), cell, self.of(cell)
+
     def estimate(self, sign: float, factor: float) -> np.ndarray:
         """Integrals of the supremum over the cells by a rule, (cells,)."""
+        result, cell, part = self._split(sign, factor)
+        if not len(cell):
+            return result
         k = self.tau.shape[1]
         table = RULE[k]
-        pulled = applied(table, self.pulled(sign, factor))
-        w = self.w(sign, factor)
+        pulled = applied(table, part.pulled(sign, factor))
+        w = part.w(sign, factor)
         w = w if w.shape[1] == 1 else applied(table, w)
-        means = self.law(factor).potential(pulled, w) @ WEIGHTS[k]
-        return self.result.size * means + self.rest(sign, factor)
+        means = part.law(factor).potential(pulled, w) @ WEIGHTS[k]
+        result[cell] += part.result.size * means
+        return result
 
     def integrals(self, sign: float, factor: float) -> np.ndarray:
         """Integrals of the supremum over the cells from above, (cells,)."""
-        pulled = self.pulled(sign, factor)
-        w = self.w(sign, factor)
-        rest = self.rest(sign, factor)
-        return potential_integrals(self.law(factor), pulled, w, self.result.size, rest)
+        rest, cell, part = self._split(sign, factor)
+        if not len(cell):
+            return rest
+        pulled = part.pulled(sign, factor)
+        w = part.w(sign, factor)
+        size = part.result.size
+        return potential_integrals(part.law(factor), pulled, w, size, rest, cell)
+
+
+def square_of_sum(squares: np.ndarray, sign: float, factor: float) -> np.ndarray:
+    """|sign a + factor b|^2/factor, (n,), from ``squares`` (3, n): of a, of both, of b."""
+    first, both, second = squares
+    return first / factor + 2 * sign * both + factor * second
