@@ -292,6 +292,8 @@ class GoalProblem:
                     break
                 factor = following
                 width = trial
+            if factor != found.factor:
+                break  # on the other side the width is larger
         return replace(found, factor=factor, width=width)
 
     def _past_slips(self, found: Candidate) -> Candidate:

@@ -206,7 +206,8 @@ class BoundPart:
         two_mu = self._result.law.two_mu[:, None, None]
         own_mean = (law.bulk * trace)[:, None]
         mean = (tau[..., 0] - own_mean) * half_root(law.bulk)[:, None]
-        T = stored_by_cells(tau[..., 1:]) / two_mu
+        T = stored_by_cells(tau[..., 1:])
+        T /= two_mu
         return Sides.of_adjoint(self._result, T, deviator[:, None], mean, kept)
 
     def _works(self, trace: np.ndarray, deviator: np.ndarray) -> np.ndarray:

@@ -171,10 +171,12 @@ class Sides:
 
     def energies(self) -> np.ndarray:
         """About the energies of tau - C eps(z) in an elastic body, (cells,)."""
-        apart = self.tau - self.strain
-        squares = np.einsum("nkd,nkd->n", apart, apart) / apart.shape[1]
-        law = self.result.law
-        return self.squares[0] + self.result.size * law.two_mu * squares / 4
+        squares = np.empty(len(self.tau))
+        for cells in portions(len(squares)):
+            apart = self.tau[cells] - self.strain[cells]
+            squares[cells] = np.einsum("nkd,nkd->n", apart, apart)
+        factor = self.result.law.two_mu / (4 * self.tau.shape[1])
+        return self.squares[0] + self.result.size * factor * squares
 
     @cached_property
     def _of_strain(self) -> np.ndarray:
@@ -232,38 +234,26 @@ class Sides:
         """What Phi depends on, for lambda."""
         return self.result.law.scaled(factor)
 
-    def _split(
-        self, sign: float, factor: float
-    ) -> tuple[np.ndarray, np.ndarray, Sides]:
-        """Integrals over the cells without Phi where the body may yield, and what is there.
-
-        These are the numbers of cells, and the supremum on them.
-        """
-        rest = self.rest(sign, factor)
-        elastic = self.elastic(factor)
-        cell = np.flatnonzero(~elastic)
-        if len(cell) == len(rest):
-            return rest, cell, self
-        potential = square_of_sum(self._elastic_squares, sign, factor)
-        return rest + np.where(elastic, potential, 0.0), cell, self.of(cell)
-
     def estimate(self, sign: float, factor: float) -> np.ndarray:
         """Integrals of the supremum over the cells by a rule, (cells,)."""
-        result, cell, part = self._split(sign, factor)
-        if not len(cell):
-            return result
         k = self.tau.shape[1]
         table = RULE[k]
-        pulled = applied(table, part.pulled(sign, factor))
-        w = part.w(sign, factor)
+        pulled = applied(table, self.pulled(sign, factor))
+        w = self.w(sign, factor)
         w = w if w.shape[1] == 1 else applied(table, w)
-        means = part.law(factor).potential(pulled, w) @ WEIGHTS[k]
-        result[cell] += part.result.size * means
-        return result
+        means = self.law(factor).potential(pulled, w) @ WEIGHTS[k]
+        return self.result.size * means + self.rest(sign, factor)
 
     def integrals(self, sign: float, factor: float) -> np.ndarray:
         """Integrals of the supremum over the cells from above, (cells,)."""
-        rest, cell, part = self._split(sign, factor)
+        rest = self.rest(sign, factor)
+        elastic = self.elastic(factor)
+        part = self
+        cell = np.flatnonzero(~elastic)
+        if len(cell) < len(elastic):
+            potential = square_of_sum(self._elastic_squares, sign, factor)
+            rest += np.where(elastic, potential, 0.0)
+            part = self.of(cell)
         if not len(cell):
             return rest
         pulled = part.pulled(sign, factor)
