@@ -337,10 +337,8 @@ def tolerance_of(
     advice = "; solve_to(problem, relative_error) refines for the energy"
     require_covered(problem, "a goal", FEATURES.keys() - (BOUNDED - GOALS), advice)
     require_covered(problem, "a goal", GOALS)
-    return (
-        require_number("percent", 1 if percent is None else percent, 0, strict=True)
-        / 100
-    )
+    percent = 1.0 if percent is None else percent
+    return require_number("percent", percent, 0, strict=True) / 100
 
 
 def interval_of(
