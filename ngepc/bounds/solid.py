@@ -272,16 +272,17 @@ class SolidBoundData(BoundData):
             return self._best_of_lower(state)
         z = self.stress(state)
         factorise(state, tangent)
-        found = self._nearest(state, tangent, z, P)
+        found, H = self._nearest(state, tangent, z, P)
+        search = None if self.effort.newton else SolidSearch(self.faces, H)
         for _ in range(self.effort.newton):
             mean = found.stress.mean(axis=1)
-            step = self._nearest(state, tangent, mean, found.pressure)
+            step, _ = self._nearest(state, tangent, mean, found.pressure)
             better = self._between(state, found, step)
             if better is None:
                 break
             found = better
         stress, P, w = found
-        return BestStress(stress, stress.mean(axis=1, keepdims=True), P, None, w)
+        return BestStress(stress, stress.mean(axis=1, keepdims=True), P, search, w)
 
     def _between(
         self, state: State, found: Balanced, step: Balanced
@@ -308,10 +309,11 @@ class SolidBoundData(BoundData):
 
     def _nearest(
         self, state: State, tangent: Factors, z: np.ndarray, P: np.ndarray
-    ) -> Balanced:
+    ) -> tuple[Balanced, np.ndarray]:
         """The best admissible stress, at nodes, for phi* expanded around stresses z (nt, 6).
 
-        The pressure is optimised as well, starting from P, and so is the w of ``foundation``.
+        The pressure is optimised as well, starting from P, and so is the w of ``foundation``.  The
+        second result are the compliances (nt, 6, 6) there.
         """
         faces = self.faces
         at = self.conjugate.completed(z[:, None])
@@ -325,7 +327,7 @@ class SolidBoundData(BoundData):
         b = self.foundation.added(given, w).reshape(-1, 3) - self.cells.sums(own)
         found = self.displacements(tangent, b, self.effort.gain, found)
         stress, w = self._built_from(tangent, own, given, w, found[0])
-        return Balanced(stress, P, w)
+        return Balanced(stress, P, w), H
 
     def _built_from(
         self,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -12,6 +11,7 @@ from ngsolve import ET, CoefficientFunction, IfPos, Mesh
 
 from ngepc.bounds.bound import error_bound, solved_problem
 from ngepc.bounds.outcome import strain_energy
+from ngepc.bounds.transfer import check_carried
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import at_most_percent, in_percent
@@ -24,9 +24,11 @@ from ngepc.goals.adaptive import (
     run_to,
     tolerance_of,
 )
+from ngepc.goals.clock import Clock
 from ngepc.goals.goal_interval import GoalBound
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.solver import solve_exactly
+from ngepc.model.data import DefaultOrder
 from ngepc.model.problem import Problem
 
 PASS = "PASS"
@@ -78,7 +80,8 @@ def verdict(
 ) -> Verdict:
     """Whether a force or a displacement of the continuous solution satisfies a limit.
 
-    The mesh is refined for the goal until its interval lies on one side of the limit.
+    The mesh is refined for the goal until its interval lies on one side of the limit.  A problem
+    with the default order is solved with displacements of order two, whose intervals are narrower.
 
     Parameters
     ----------
@@ -89,7 +92,7 @@ def verdict(
     options
         Marking and limits of the meshes.
     seconds
-        No new mesh is started after so many seconds.
+        No mesh is started that is expected to end after so many seconds.
 
     Returns
     -------
@@ -109,21 +112,38 @@ def verdict(
             "goal=None: a goal of goal_bound is needed, 'contact_force' for example"
         )
     require_number("seconds", seconds, 0, strict=True)
-    end = time.perf_counter() + seconds
+    clock = Clock(seconds)
 
     def decided(record: MeshRecord) -> None:
-        """End the run at the first mesh whose interval decides."""
+        """End the run at the first mesh whose interval decides, or where time runs out."""
+        clock.after(record.nodes)
         known = outcome_of(record.lower, record.upper, limit, above) != UNDECIDED
-        if known or time.perf_counter() > end:
+        if known or clock.too_late:
             raise StopIteration
 
     tolerance = tolerance_of(problem, FINEST, goal, 100 * FINEST)
     hopeless = about_zero if limit == 0 else beside_zero
+    problem = with_order_two(problem)
     run = run_to(problem, tolerance, options, decided, goal, hopeless)
-    ending = run.message
-    if time.perf_counter() > end:
-        ending = f"No new mesh is started after {seconds:g} s; seconds=... allows more."
+    ending = clock.ending if clock.too_late else run.message
     return verdict_of(run, limit, above, ending)
+
+
+def with_order_two(problem: Problem) -> Problem:
+    """The problem with displacements of order two, if its order is a default that may be two."""
+    if problem.order == 1 and isinstance(problem.order, DefaultOrder):
+        return of_order_two(problem) or problem
+    return problem
+
+
+def of_order_two(problem: Problem) -> Problem | None:
+    """The problem with displacements of order two; None if bounds do not cover it then."""
+    other = _with_history(problem, order=2)
+    try:
+        check_carried(other)
+    except ValueError:
+        return None
+    return other
 
 
 def limit_of(at_most: float | None, at_least: float | None) -> tuple[float, bool]:
@@ -145,9 +165,18 @@ def verdict_of(run: BoundedResult, limit: float, above: bool, ending: str) -> Ve
         said = (f"{narrowest(run.records)}, {required}", NO_BOUND, run.result.ending)
         return Verdict(UNDECIDED, None, run, " ".join(filter(None, said)))
     outcome = outcome_of(found.lower, found.upper, limit, above)
-    why = ending if outcome == UNDECIDED else ""
+    why = ""
+    if outcome == UNDECIDED:
+        why = " ".join(filter(None, (ending, narrower_with(run.result.problem))))
     said = (f"{found}, {required}", why, found.message)
     return Verdict(outcome, found, run, " ".join(filter(None, said)))
+
+
+def narrower_with(problem: Problem) -> str:
+    """Advice to take displacements of order two; empty where bounds do not cover them."""
+    if problem.order > 1 or of_order_two(problem) is None:
+        return ""
+    return "Displacements of order two (order=2) give narrower intervals."
 
 
 def narrowest(records: Sequence[MeshRecord]) -> str:

@@ -499,3 +499,18 @@ def test_newton_steps_lower_bounds_of_softly_hardening_solids(poisson, limit):
     first, last = bounds
     assert last.total <= first.total
     assert last.relative < limit
+
+
+def test_adjoints_share_the_matrices_of_the_bound():
+    """Those of the best stress are the matrices at the tangent of the state."""
+    result = semismooth_newton(pressed())
+    bound_data = bound_data_of(result.discrete)
+    state = result.state
+    tangent = Factors(bound_data.discrete, "sparsecholesky")
+    pressure = bound_data.contact.pressure(state.multipliers)
+    shared = bound_data.best_stress(state, tangent, pressure).search
+    again = bound_data.search(state)
+    assert np.array_equal(shared.compliance, again.compliance)
+    delta = np.random.default_rng(0).standard_normal(shared.faces.free.shape)
+    assert np.array_equal(shared.faces.product(delta), again.faces.product(delta))
+    assert np.array_equal(shared.faces.smooth(delta), again.faces.smooth(delta))

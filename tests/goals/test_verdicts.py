@@ -2,15 +2,17 @@
 
 import math
 import re
+import time
 from dataclasses import replace
 
 import pytest
 from featured import CHANGES, problem_with
-from ngsolve import x
+from ngsolve import GridFunction, VectorH1, x
 
 from ngepc import (
     Coulomb,
     Material,
+    MeanDisplacement,
     Point,
     Problem,
     Refinement,
@@ -24,6 +26,7 @@ from ngepc import (
 )
 from ngepc.geometries import block, ring
 from ngepc.goals.adaptive import MeshRecord
+from ngepc.goals.clock import Clock
 from ngepc.goals.verdicts import narrowest, outcome_of
 from ngepc.studies.examples import example
 
@@ -75,11 +78,51 @@ def test_a_limit_at_the_value_is_undecided():
     problem = replace(example("lshape", 225), order=2)
     found = verdict(problem, "contact_force", at_most=FORCE, seconds=1e-6)
     assert found.outcome == "UNDECIDED"
-    assert "No new mesh is started after 1e-06 s" in str(found)
+    assert "No new mesh is started" in str(found)
+    assert "seconds=1e-06" in str(found)
     few = Refinement(max_nodes=230)
     found = verdict(problem, "contact_force", at_most=FORCE, options=few)
     assert found.outcome == "UNDECIDED"
     assert "max_nodes=230" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("data", "order"), [({}, 2), ({"order": 1}, 1), ({"friction": 0.1}, 1)]
+)
+def test_the_order_of_a_verdict(data, order):
+    """It is two if the order is the default one and bounds cover two.
+
+    With friction a displacement of order one at the start of the step, of a history for example,
+    belongs to displacements of order one.
+    """
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    if "friction" in data:
+        start = GridFunction(VectorH1(mesh, order=1))
+        data = data | {"contact": "contact", "gap": 0.0, "initial_displacement": start}
+    load = {"right": (0.0, 1.0)}
+    plane = "two-dimensional"
+    problem = Problem(mesh, MATERIAL, traction=load, kinematics=plane, **data)
+    goal = MeanDisplacement("right", 1)
+    few = Refinement(max_nodes=20)
+    solved = solve_to(replace(problem, order=order), goal=goal, options=few)
+    value = solved.goal.discrete
+    found = verdict(problem, goal, at_most=value, options=few)
+    assert found.outcome == "UNDECIDED"
+    assert found.run.result.problem.order == order
+    assert ("order=2" in str(found)) == ("order" in data)
+
+
+def test_no_mesh_is_begun_that_would_end_too_late(monkeypatch):
+    """Meshes of n nodes that take n seconds: 10, 20, 40; the next one would end at 150."""
+    ends = iter([0.0, 10.0, 30.0, 70.0])
+    monkeypatch.setattr(time, "perf_counter", lambda: next(ends))
+    clock = Clock(149.0)
+    too_late = []
+    for nodes in (10, 20, 40):
+        clock.after(nodes)
+        too_late.append(clock.too_late)
+    assert too_late == [False, False, True]
+    assert "about 1.5e+02 s, seconds=149" in clock.ending
 
 
 @pytest.mark.parametrize("above", [True, False])
