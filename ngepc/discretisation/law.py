@@ -3,17 +3,17 @@
 With the strain of a point, the history, and the plastic strain p gained in the step, the density of
 (2.14) is
 
-    bulk/2 (tr e)^2 + mu_2 |dev e - p_0 - p|^2 + dev alpha_2 : p + h/2 |p|^2 + int_0^g beta,
+    bulk/2 (tr e)^2 + mu_2 |dev e - p_0 - p|^2 + dev alpha_2,0 : p + h/2 |p|^2 + int_0^g beta,
 
 in which g measures p, |p| for von Mises, and ``Resistance`` is beta.  phi(e), the density smallest
 over p, is the potential: it is convex, its derivative is the stress, the derivative of that the
 moduli.  With the trial stress s and the modulus M,
 
-    s = 2 mu_2 (dev e - p_0) - dev alpha_2,    M = 2 mu_2 + h,    w = s - M p,
+    s = 2 mu_2 (dev e - p_0) - dev alpha_2,0,    M = 2 mu_2 + h,    w = s - M p,
 
 w = -q with q of (3.8) is the part of s that is left on the yield surface, and
 
-    dev sigma = 2 mu_2 (dev e - p_0 - p) = (h s + 2 mu_2 w) / M + dev alpha_2.
+    dev sigma = 2 mu_2 (dev e - p_0 - p) = (h s + 2 mu_2 w) / M + dev alpha_2,0.
 
 A law has to know its yield surface: the measure of s that is compared with beta, which p and w
 belong to s, and how w changes.  ``laws.law_of`` chooses it.  Exact method, bounds and derivatives
@@ -85,7 +85,7 @@ class Law(ABC):
     two_mu: np.ndarray  # 2 mu_2 (stress)
     hardening: np.ndarray  # h (stress)
     resistance: Resistance  # beta
-    back: np.ndarray  # dev alpha_2 (stress) in coordinates, shape (points, d)
+    back: np.ndarray  # dev alpha_2,0 (stress) in coordinates, shape (points, d)
     initial: np.ndarray  # p_0 in coordinates, shape (points, d)
     swelling: np.ndarray | float  # tr eps_0, subtracted from strains; 0 without
     distortion: np.ndarray | float  # dev eps_0 in coordinates; 0 without

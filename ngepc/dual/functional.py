@@ -2,7 +2,10 @@
 
 The saddle function S(y, v) that both come from is that of ``ngepc.dual.saddle``:
 J*_gamma(v) = max_y S(y, v), attained where D y = Lambda* v - l, and there its derivative is
-Psi_gamma = Lambda y - [psi, 0] + M(v) + B v / gamma_T, (6.2).
+
+    J*_gamma'(v) = Lambda y - [psi, 0] + M(v) + B v / gamma_T = -Psi_gamma,
+
+with Psi_gamma of (6.2) at the lambda that belongs to v (proof of Proposition 6.9).
 """
 
 from __future__ import annotations
@@ -257,7 +260,7 @@ class DualIterate:
 
     @cached_property
     def residual(self) -> BaseVector:
-        """Psi_gamma as a functional on H."""
+        """J*_gamma'(v) = -Psi_gamma as a functional on H."""
         return (
             self.functional.linear_residual(self.y, self.v) + self.multipliers
         ).Evaluate()

@@ -138,7 +138,7 @@ class DualResult(Result):
 
     @property
     def plastic_dual(self) -> GridFunction:
-        """The paper's q = h p - dev sigma (3.8) in d coordinates (stress)."""
+        """The paper's q, near h p + dev alpha_2,0 - dev sigma (3.8), d coordinates (stress)."""
         return self.state.components[3]
 
     @property

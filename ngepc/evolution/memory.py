@@ -69,7 +69,7 @@ class Memory:
         own: Mapping[str, np.ndarray] | None = None,
         size: np.ndarray | None = None,
     ) -> Memory:
-        """p_0 + p, alpha_2 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step.
+        """p_0 + p, alpha_2,0 + k p, alpha_1 + k_1 H sigma_y |p| and PEEQ after a step.
 
         ``own`` are additional history variables of the law, ``size`` is what takes the place of
         |p| (points,), for a yield surface that is no sphere.

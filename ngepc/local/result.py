@@ -47,7 +47,7 @@ class ExactResult(DiscreteSolution):
 
     @property
     def plastic_dual(self) -> GridFunction:
-        """The dual variable q = h p - dev sigma + dev alpha_2 (3.8), d components (stress).
+        """The dual variable q = h p + dev alpha_2,0 - dev sigma, d components (stress), (3.8).
 
         With sub-elements it is the sum of theirs.
         """

@@ -1,4 +1,4 @@
-"""Rigid obstacles: the gap psi in u . n <= psi, (2.2).
+"""Rigid obstacles: the gap psi in u . n <= psi, (2.1).
 
 An obstacle is where a level function phi is <= 0.  Its gap, after a translation by the vector m, is
 measured along the outer unit normal n of the undeformed body,

@@ -3,7 +3,7 @@
 At a point with strain e the energy density of (2.14) is, in orthonormal coordinates of p,
 
     1/2 C (e - p_0) : (e - p_0) - s . p + 1/2 (2 mu_2 + h) |p|^2 + beta |p|   (+ a constant),
-    s = 2 mu_2 (dev e - p_0) - dev alpha_2,
+    s = 2 mu_2 (dev e - p_0) - dev alpha_2,0,
 
 smallest at  p = [|s| - beta]_+ / (2 mu_2 + h) s/|s|,  which leaves a differentiable energy of the
 displacement alone.  Its slanting function is the tangent of the radial return.  With a law of
@@ -221,7 +221,7 @@ class ReturnMapping:
         self.energy_density = self._density(beta, back, p_0)
 
     def _initial(self, problem: Problem, data: DataOnMesh) -> list[CoefficientFunction]:
-        """dev alpha_2, p_0 and eps_0 as tensors, zero where nothing is given."""
+        """dev alpha_2,0, p_0 and eps_0 as tensors, zero where nothing is given."""
         pairs = (
             (problem.initial_hardening, problem.alpha_0[1]),
             (problem.initial_plastic_strain, problem.p_0),

@@ -1,7 +1,7 @@
 """Gradients by the adjoint method, backwards through the time steps.
 
 A single solve is a history of one step.  The derivatives with respect to the history variables of a
-step, p_0, dev alpha_2, alpha_1, PEEQ and u_0, are passed to the step before.
+step, p_0, dev alpha_2,0, alpha_1, PEEQ and u_0, are passed to the step before.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 """The equations of the law for changes of its data, of the strain and of the history.
 
-With the trial stress s = 2 mu_2 (e - p_0) - dev alpha_2 and M = 2 mu_2 + h the plastic strain p of
-a step is smallest for
+With the trial stress s = 2 mu_2 (e - p_0) - dev alpha_2,0 and M = 2 mu_2 + h the plastic strain p
+of a step is smallest for
 
     M/2 |p|^2 - s : p + int_0^g beta,    g the measure of p, n = dg/dp,
 
 so that changes satisfy, where s yields, with the derivative T of p by s,
 
     p' = T (s' - M' p - beta(g)' n),       beta(g)' that at the same g,
-    s' = (2 mu_2)' (e - p_0) + 2 mu_2 (e' - p_0') - dev alpha_2',
+    s' = (2 mu_2)' (e - p_0) + 2 mu_2 (e' - p_0') - dev alpha_2,0',
     tau' = (2 mu_2)' (e - p_0 - p) + 2 mu_2 (e' - p_0' - p'),         tau the deviatoric stress.
 
 Hill's form A changes the measure, g^2 = p : A^-1 p, and with it
@@ -19,7 +19,7 @@ The sub-elements of an overlay satisfy the same equations, each with its share o
 p_0; p and tau are sums over them.  If a component z of the strain is free, its change is the one
 that keeps the conjugate stress zero.  A step passes
 
-    p_0 + p,   dev alpha_2 + k p,   alpha_1 + k_1 H sigma_y g,   PEEQ   and, with friction, u_0 = u
+    p_0 + p,   dev alpha_2,0 + k p,   alpha_1 + k_1 H sigma_y g,   PEEQ  and, with friction, u_0 = u
 
 to the next one, whose beta grows with alpha_1 by H sigma_y and with PEEQ by the law.
 """

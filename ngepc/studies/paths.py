@@ -236,11 +236,11 @@ class Duality(BothPaths):
         | [u.n - psi]+ = {penetration:.3g} | int |z (u.n - psi)| = {complementarity:.3g}
         | [z]+ = {tension:.3g} | (3.8) = {stress_deviation:.3g} | (3.9) = {yield_deviation:.3g}"""
     note = (
-        "The five columns after J + J* add up to it. M1, M2, T vanish with 1/gamma (Theorem 4.2); "
-        "what is left of the gap on a fixed mesh comes from z = 0 at the ends of Gamma_c and "
-        "q = 0 on the boundary. Brackets [.]+: L2 norms of what violates (2.13) and (2.11). "
-        "(3.8): L2 norm of q - (h p - dev sigma), whose element means are zero to rounding; (3.9): "
-        "of |q| - beta minus the yield function of the stress."
+        "The five columns after J + J* add up to it. M1, M2, T vanish as gamma grows (proof of "
+        "Theorem 4.2); what is left of the gap on a fixed mesh comes from z = 0 at the ends of "
+        "Gamma_c and q = 0 on the boundary. Brackets [.]+: L2 norms of what violates (2.13) and "
+        "(2.11). (3.8): L2 norm of q - (h p - dev sigma), whose element means are zero to "
+        "rounding; (3.9): of |q| - beta minus the yield function of the stress."
     )
 
     def solve(self, body: str, nodes: int) -> list[dict]:

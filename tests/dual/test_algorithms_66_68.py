@@ -106,6 +106,14 @@ def test_multiplier_and_dual_are_inverse_maps(equation):
     assert back.Norm() < 1e-10 * v.Norm()
 
 
+def test_psi_is_minus_the_derivative_of_the_energy(equation):
+    """Proof of Proposition 6.9: the gradient that Algorithm 7.1 has is -Psi_gamma of (6.2)."""
+    v = functional_on_H(equation, 6, 2.0)
+    psi = equation.psi(equation.multiplier(v), v)
+    defect = (psi + DualIterate(equation.functional, v).residual).Evaluate()
+    assert dual_norm(equation, defect) < 1e-9 * dual_norm(equation, psi)
+
+
 def test_step_solves_its_equation(equation):
     """(6.4): delta + G_M N^(-1) delta = -Psi, with N^(-1) from a factorisation of its own."""
     v = functional_on_H(equation, 3, 2.0)
