@@ -222,7 +222,7 @@ class PETScPreconditioner:
         # an upper bound: other processes may have the same entries
         theirs = processes.summed(near + far) - near - far
         counts = [np.repeat(N * (n + theirs)[own], N) for n in (near, far)]
-        size = (N * len(processes.own), N * processes.count)
+        size = (N * len(processes.own), N * processes.node_count)
         matrix = petsc.Mat().create(self._comm)
         matrix.setSizes((size, size), bsize=N)
         matrix.setType("aij")

@@ -179,7 +179,7 @@ class MeshPart(Mesh):
         processes = self.processes
         copies = {}
         pairs = np.sort(processes.numbers[parents], axis=1)
-        keys = pairs[:, 0] * processes.count + pairs[:, 1]
+        keys = pairs[:, 0] * processes.node_count + pairs[:, 1]
         near = {
             r: np.isin(parents, nodes).all(axis=1)
             for r, nodes in processes.copies.items()

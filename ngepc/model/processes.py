@@ -29,7 +29,8 @@ class Team:
 
     own: slice | np.ndarray = slice(None)  # index of the nodes that this process owns
     numbers: np.ndarray  # global number of each node, consecutive on each process
-    count: int  # nodes of all processes
+    node_count: int  # nodes of all processes, each counted once
+    count = renamed("count", "node_count")
     most = renamed("most", "maximum")
 
     def __init__(
@@ -52,7 +53,7 @@ class Team:
             np.concatenate([np.zeros(0, dtype=int), *self.copies.values()])
         )
         counts = np.array(self.all(len(self.own)))
-        self.count = int(counts.sum())
+        self.node_count = int(counts.sum())
         first = int(counts[: self.rank].sum())
         numbers = np.zeros(nodes, dtype=np.int64)
         numbers[self.own] = first + np.arange(len(self.own))
@@ -188,7 +189,7 @@ def nodal_processes_of(mesh: Mesh, order: int) -> Team:
 
 def nodes_of(mesh: Mesh) -> int:
     """Vertices of a mesh, each counted once where processes share it."""
-    return getattr(processes_of(mesh), "count", mesh.nv)
+    return getattr(processes_of(mesh), "node_count", mesh.nv)
 
 
 def require_whole(what: str, mesh: Mesh) -> None:

@@ -186,7 +186,7 @@ def child(levels: str, path: str, order: str) -> None:
         )
         about = {"force": result.contact_force, "wall_s": wall, **each}
         about |= {f"largest_{name}": max(values) for name, values in each.items()}
-        nodes = mesh.of_nodes(int(order)).count
+        nodes = mesh.of_nodes(int(order)).node_count
         records.append({"nodes": nodes, **numbers, **about})
     if world.rank == 0:
         Path(path).write_text(json.dumps(records), encoding="utf-8")

@@ -10,7 +10,7 @@ import pytest
 from ngepc import Overlay, lshape_problem, semismooth_newton
 from ngepc._deprecated import MOVED, OLD_MODULES
 from ngepc.geometries import lshape
-from ngepc.model.processes import ALONE
+from ngepc.model.processes import ALONE, Team
 
 
 @pytest.mark.parametrize(("old", "new"), MOVED.items())
@@ -53,6 +53,10 @@ def test_old_attributes_warn_and_give_the_new_ones():
         assert np.array_equal(balance.imbalance, balance.free_residual)
     with pytest.warns(DeprecationWarning, match=r"Team\.maximum"):
         assert ALONE.most(np.array([1.0, 3.0])) == 3.0
+    shared = Team()
+    shared.node_count = 5
+    with pytest.warns(DeprecationWarning, match=r"Team\.node_count"):
+        assert shared.count == 5
     overlay = Overlay(shares=(0.75,), bounds=(1.0,))
     with pytest.warns(DeprecationWarning, match=r"Overlay\.elastic_share"):
         assert overlay.spare == overlay.elastic_share == 0.25

@@ -89,7 +89,7 @@ def numbers(result):
         "reactions": {k: v.tolist() for k, v in result.equilibrium.reactions.items()},
         "moment": result.equilibrium.moment(result.equilibrium.applied).tolist(),
         "error": processes.total(float(own.sum())),
-        "nodes": processes.count,
+        "nodes": processes.node_count,
         "own": processes.all(result.problem.mesh.nv),
     }
 

@@ -201,7 +201,7 @@ def numbers(result):
     indicators = error_indicators(result).vec.FV().NumPy()
     balance = result.equilibrium
     return {
-        "model": [processes.count, processes.maximum(np.abs(result.open_gap))],
+        "model": [processes.node_count, processes.maximum(np.abs(result.open_gap))],
         "discretisation": [
             result.contact_area,
             result.state.body.yield_forces,
