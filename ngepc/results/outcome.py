@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TypeVar
+from typing import Any, TypeVar
 
 
 class Status(Enum):
@@ -63,7 +63,8 @@ class IterationRecord:
 
     The active measures (length, area, volume) are those of the part of Gamma_c that the obstacle
     pushes, of the body that yields, of Gamma_c that slips.  ``snapshot()`` is the result of a run
-    that had stopped here; monitors get it with the record, histories keep the numbers only.
+    that had stopped here, with all its fields; monitors get it with the record, histories keep the
+    numbers only.
     """
 
     iteration: int  # Newton steps done so far; 0 is the start
@@ -79,9 +80,7 @@ class IterationRecord:
     contact_active: float = 0.0
     plastic_active: float = 0.0
     friction_active: float = 0.0
-    snapshot: Callable[[], Ending] | None = field(
-        default=None, compare=False, repr=False
-    )
+    snapshot: Callable[[], Any] | None = field(default=None, compare=False, repr=False)
 
 
 Monitor = Callable[[IterationRecord], None]

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -58,8 +58,11 @@ class Work(ABC):
         """The cells, in the order in which they are solved."""
 
     @abstractmethod
-    def solve(self, **cell: object) -> dict | list[dict]:
-        """Solve a cell; returns the numbers of one record, or a list of several."""
+    def solve(self, *args: Any, **cell: Any) -> dict | list[dict]:
+        """Solve a cell; returns the numbers of one record, or a list of several.
+
+        A study names the parameters of its cells here.
+        """
 
     def line(self, record: dict) -> str:
         """The line of progress of a record: its first numbers and texts."""

@@ -66,6 +66,41 @@ def test_import_loads_nothing_heavy(tmp_path):
     assert outside(code, tmp_path) == "0 1"
 
 
+EXTENDING = """
+import ngepc
+from ngepc.linalg.linesearch import Descent, Step
+from ngepc.results.outcome import IterationRecord
+from ngepc.studies.work import Work
+
+
+class Half:
+    def search(self, phi: Descent) -> Step | None:
+        return Step(length=0.5, energy=phi.energy(0.5), halvings=1)
+
+
+class Orders(Work):
+    name = "orders"
+    columns = "order = {order} | J = {energy:.6f}"
+
+    def cells(self) -> list[dict[str, int]]:
+        return [{"order": 1}, {"order": 2}]
+
+    def solve(self, order: int) -> dict[str, float]:
+        return {"energy": 1.0 / order}
+
+
+def watch(record: IterationRecord) -> None:
+    if record.snapshot is not None:
+        print(record.residual_norm, record.snapshot().contact_force)
+
+
+ngepc.semismooth_newton(
+    problem, 1e3, options=ngepc.NewtonOptions(linesearch=Half()), monitor=watch
+)
+"""
+"""A line search, a study and a monitor of a user, with types."""
+
+
 def users_script(folder: Path, more: str = "") -> Path:
     """The first lines of the README as a user's script."""
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -80,8 +115,9 @@ def test_a_users_script_has_types(tmp_path):
     It does without the stubs of numpy and matplotlib; pyright reads them below.
     """
     pytest.importorskip("mypy", reason="mypy reads the script (extra 'test')")
-    asked = "import ngepc\nreveal_type(ngepc.Material)\nreveal_type(ngepc.obstacles.Sphere)\n"
-    users_script(tmp_path, asked + "reveal_type(result.iterations)\n")
+    asked = "reveal_type(ngepc.Material)\nreveal_type(ngepc.obstacles.Sphere)\n"
+    asked += "reveal_type(result.iterations)\n"
+    users_script(tmp_path, EXTENDING + asked)
     command = [
         sys.executable,
         "-m",
