@@ -27,12 +27,15 @@ def example(request, tmp_path, monkeypatch):
     return names
 
 
-def test_there_are_five_examples():
+def test_these_are_the_examples():
     assert list(EXAMPLES) == [
         "hardening law",
         "obstacle",
         "kinematics",
         "line search",
+        "path in gamma",
+        "preconditioner",
+        "error indicator",
         "study",
     ]
 
@@ -87,3 +90,33 @@ def test_the_study_writes_its_table_and_resumes(example):
     assert [r["energy"] for r in example["Orders"](Path("out")).run()] == [
         r["energy"] for r in example["records"]
     ]
+
+
+@pytest.mark.parametrize("example", ["path in gamma"], indirect=True)
+def test_an_own_path_ends_where_the_built_in_one_does(example):
+    """At the same gamma, to the same residual; the value is that of one minimum."""
+    own = example["last"]
+    built_in = example["built_in"].last
+    assert own.regularisation.gamma == built_in.regularisation.gamma == 1e5
+    assert own.residual_norm <= example["target"]
+    assert own.dual_energy == pytest.approx(built_in.dual_energy, rel=1e-2)
+    assert example["own_steps"] > 1
+
+
+@pytest.mark.parametrize("example", ["preconditioner"], indirect=True)
+def test_an_own_preconditioner_changes_the_iterations_alone(example):
+    own, multigrid = example["forces"]
+    assert own == pytest.approx(multigrid, rel=1e-8)
+    assert str(example["result"].status) == "converged"
+    iterations = example["iterations"]
+    assert iterations[0] > 3 * iterations[1]
+
+
+@pytest.mark.parametrize("example", ["error indicator"], indirect=True)
+def test_bounds_fall_on_meshes_of_an_own_indicator(example):
+    """Faster than 1 / nodes, the best rate that order one could have."""
+    for bounds in (example["by_jumps"], example["by_work"]):
+        nodes = list(bounds)
+        rate = np.polyfit(np.log(nodes), np.log(list(bounds.values())), 1)[0]
+        assert len(bounds) == 4
+        assert rate < -1.0
