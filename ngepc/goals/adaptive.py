@@ -68,8 +68,15 @@ SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
 MOST_INFINITE = 6
 """Refinement ends after so many successive meshes with an infinite error bound."""
 NO_BOUND = (
-    "The error bound is infinite, as the hardening law never reaches a stress in equilibrium: the "
-    "loads may be too large for it."
+    "The error bound is infinite: the stress in equilibrium exceeds the largest one that the "
+    "hardening law reaches, at a corner for example. A curve that rises further gives a bound, "
+    "unless the loads are too large for it."
+)
+FLOWS = (
+    "The error bound is infinite, most likely on finer meshes, too: the body flows where its law "
+    "does not harden, and a bound needs a stress in equilibrium that nowhere exceeds the largest "
+    "one of the law. Some hardening gives a bound; confidence(result) has an estimate, "
+    "limit_load(problem) the loads that the body carries."
 )
 
 
@@ -126,7 +133,8 @@ class BoundedResult:
     Parameters
     ----------
     result, bound
-        The result on the last mesh and its error bound.
+        The result on the last mesh and its error bound; on the one before, if that bound is
+        infinite and the one before finite.
     tolerance
         The relative error that was asked for.
     records
@@ -176,7 +184,7 @@ class BoundedResult:
             size = f"{self.relative_error:.3g} ({judged.kind})"
             error = f"relative error of the {what} at most {size}"
         meshes = counted(len(self.records), "mesh", "meshes")
-        finest = f"{self.records[-1].nodes} nodes"
+        finest = f"{self.result.problem.mesh.nv} nodes"
         return f"<BoundedResult: {error}, tolerance {self.tolerance:g}, {meshes}, {finest}>"
 
 
@@ -259,6 +267,7 @@ def refined(
     small = 0.0
     pace = Pace()
     interval: GoalBound | None = None
+    finite: BoundedResult | None = None
     while True:
         result, bound, steps, tools = solved(state, small, options)
         before = interval
@@ -267,9 +276,13 @@ def refined(
         here = BoundedResult(result, bound, tolerance, records, "", interval)
         records.append(mesh_record(here, steps, goal))
         message = ending(result, reported(records[-1], monitor))
-        message = message or hopeless(before, interval) or never_finite(records)
+        message = message or hopeless(before, interval) or without_bound(here)
         if message or here.reached:
             return replace(here, message=message)
+        if math.isfinite(bound.total):
+            finite = here
+        elif finite is not None:
+            return replace(finite, message=lost_bound(here))
 
         estimate = bound if interval is None else interval
         old = result.problem.mesh
@@ -392,6 +405,11 @@ def too_fine(mesh: Mesh, bound: ErrorBound, options: Refinement) -> str:
     return " ".join(filter(None, (limit, unknown)))
 
 
+def lost_bound(here: BoundedResult) -> str:
+    """Why refinement ends with the mesh before one whose bound is infinite, as that was finite."""
+    return f"The next mesh has {here.records[-1].nodes} nodes and no bound. {NO_BOUND}"
+
+
 def about_zero(before: GoalBound | None, now: GoalBound | None) -> str:
     """Why no mesh gives a percentage of a goal: two intervals lie around zero; empty otherwise.
 
@@ -407,6 +425,15 @@ def is_around_zero(goal: GoalBound) -> bool:
     """Whether zero is in the middle of an interval, as the proof has it."""
     lower, upper = goal.proved
     return HOPELESS * abs(lower + upper) / 2 < upper - lower < math.inf
+
+
+def without_bound(here: BoundedResult) -> str:
+    """Why finer meshes have no bound either; empty if they may have one."""
+    if math.isfinite(here.bound.total):
+        return ""
+    if here.result.state.flowing > 0:
+        return FLOWS
+    return never_finite(here.records)
 
 
 def never_finite(records: Sequence[MeshRecord]) -> str:

@@ -16,6 +16,7 @@ from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import at_most_percent, in_percent
 from ngepc.goals.adaptive import (
+    FLOWS,
     NO_BOUND,
     BoundedResult,
     MeshRecord,
@@ -162,7 +163,8 @@ def verdict_of(run: BoundedResult, limit: float, above: bool, ending: str) -> Ve
     required = f"required: at {'most' if above else 'least'} {limit:g}."
     found = run.goal
     if found is None:
-        said = (f"{narrowest(run.records)}, {required}", NO_BOUND, run.result.ending)
+        why = FLOWS if run.message == FLOWS else NO_BOUND
+        said = (f"{narrowest(run.records)}, {required}", why, run.result.ending)
         return Verdict(UNDECIDED, None, run, " ".join(filter(None, said)))
     outcome = outcome_of(found.lower, found.upper, limit, above)
     why = ""

@@ -356,3 +356,35 @@ def test_six_meshes_without_a_bound_are_enough():
     assert not adaptive.never_finite([unknown] * 5)
     assert not adaptive.never_finite([known, *[unknown] * 5])
     assert adaptive.never_finite([known, *[unknown] * 6]) == adaptive.NO_BOUND
+
+
+def corner(law):
+    """A square, clamped at a side and sheared at the opposite one: singular at two corners."""
+    return Problem(
+        block.structured_mesh(4, 4, simplices=True),
+        Material.metal(young=2.5e3, poisson=0.25, **law),
+        traction={"right": (0.0, 0.6)},
+        order=2,
+    )
+
+
+def test_perfect_plasticity_has_no_bound_where_it_flows():
+    """One mesh is enough to say so; a hundredth of hardening has a bound."""
+    problem = corner({"yield_stress": 1.5, "plastic_modulus": 0})
+    run = solve_to(problem, 0.1)
+    assert len(run.records) == 1
+    assert run.message == adaptive.FLOWS
+    found = verdict(problem, MeanDisplacement("right", 1), at_most=1.0)
+    assert adaptive.FLOWS in str(found)
+    assert solve_to(corner({"yield_stress": 1.5, "plastic_modulus": 25.0}), 0.1).reached
+
+
+def test_the_last_mesh_with_a_bound_is_the_result():
+    """The curve ends, and stresses in equilibrium at the corners exceed it on finer meshes."""
+    run = solve_to(corner({"curve": [(6e-4, 1.5), (0.02, 2.0)]}), 0.002)
+    *_, kept, lost = run.records
+    assert not math.isfinite(lost.total)
+    assert run.bound.total == kept.total
+    assert run.result.problem.mesh.nv == kept.nodes
+    assert f"The next mesh has {lost.nodes} nodes and no bound." in run.message
+    assert f"{kept.nodes} nodes" in repr(run)
