@@ -59,7 +59,8 @@ def test_every_room_has_its_floor():
 
 def test_imports_go_down():
     upwards = {(a, b) for a, b in arrows() if not goes_down(a, b)}
-    assert upwards == STILL_UPWARDS
+    rule = "import from the module that has the name, in a package above in CONTRIBUTING.md"
+    assert upwards == STILL_UPWARDS, rule
 
 
 def test_the_entrance_hall_is_light():

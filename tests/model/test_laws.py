@@ -1,11 +1,14 @@
 """Laws of hardening, of the rate and of the yield surface as functions of numbers."""
 
+import inspect
+
 import numpy as np
 import pytest
 from ngsolve import CF, x
 
-from ngepc import Hill, Norton, Swift, Tabulated, Voce
+from ngepc import HardeningLaw, Hill, Norton, Swift, Tabulated, Voce
 from ngepc.geometries import block
+from ngepc.model.hardening import Potential
 from ngepc.model.kinematics import PLANE_STRAIN, SOLID
 
 LAWS = {
@@ -16,6 +19,21 @@ LAWS = {
     "rate": Norton(3.0, 4.0),
 }
 STRAINS = np.array([1e-4, 0.003, 0.017, 0.05, 0.09, 0.3])
+HARDENING = [name for name, law in LAWS.items() if isinstance(law, HardeningLaw)]
+
+
+def laws_below(base):
+    """The classes of the package that derive from ``base`` and are complete."""
+    for cls in base.__subclasses__():
+        if cls.__module__.startswith("ngepc.") and not inspect.isabstract(cls):
+            yield cls
+        yield from laws_below(cls)
+
+
+def test_every_law_of_the_package_is_here():
+    """The tests of this file look at those in ``LAWS``."""
+    missing = set(laws_below(Potential)) - set(map(type, LAWS.values()))
+    assert not missing, "add one to LAWS"
 
 
 @pytest.fixture(params=LAWS, ids=str)
@@ -33,7 +51,7 @@ def test_stress_and_slope_are_derivatives(law):
     assert law.energy(np.zeros(1)) == pytest.approx(0.0, abs=1e-15)
 
 
-@pytest.mark.parametrize("name", ["Voce", "Swift", "table"])
+@pytest.mark.parametrize("name", HARDENING)
 def test_slopes_between_two_strains(name):
     """Bounds of all slopes between them, each attained for laws that saturate."""
     law = LAWS[name]

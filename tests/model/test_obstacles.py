@@ -35,6 +35,16 @@ class Hollow(Obstacle):
         return tuple(-part for part in self.inside.level(X, n))
 
 
+HIT = {
+    "plane": (Plane((0.0, 1.2), (0.1, -1.0)), SQUARE),
+    "disc": (Disc((0.4, 2.5), 1.4), SQUARE),
+    "sphere": (Sphere((0.4, 0.5, 2.5), 1.5), CUBE),
+    "cylinder": (Cylinder((0.5, 0.5, 2.5), (1.0, 0.2, 0.0), 1.5), CUBE),
+    "signed distance": (SignedDistance(1.2 + 0.1 * x - y), SQUARE),
+}
+"""An obstacle of each kind above a body whose top it can touch everywhere."""
+
+
 def samples(cf, mesh, *names):
     return sample(cf, mesh, names).ravel()
 
@@ -94,6 +104,27 @@ def test_normals_are_those_of_the_sides(name, normal):
     mesh = block.mesh(0.3, (2, 1))
     found = sample(outward_normal(mesh), mesh, [name])
     assert np.abs(found - np.array(normal)).max() < 1e-14
+
+
+def test_every_obstacle_of_the_package_is_hit():
+    package = {
+        c for c in Obstacle.__subclasses__() if c.__module__.startswith("ngepc.")
+    }
+    missing = package - {type(obstacle) for obstacle, _ in HIT.values()}
+    assert not missing, "add one to HIT"
+
+
+@pytest.mark.parametrize("name", HIT)
+def test_the_ray_ends_where_it_enters(name):
+    """phi(x + psi n) = 0, and phi > 0 before; the level of a point is that with t = 0."""
+    obstacle, mesh = HIT[name]
+    X = CF((x, y, z)[: mesh.dim])
+    n = outward_normal(mesh)
+    psi = obstacle.gap(mesh)
+    entered = obstacle.level(X + psi * n, n)[2]
+    before = obstacle.level(X + (psi - 1e-3) * n, n)[2]
+    assert np.abs(samples(entered, mesh, "contact")).max() < 1e-13
+    assert samples(before, mesh, "contact").min() > 1e-4
 
 
 @pytest.mark.parametrize("height", [1.3, 1.0, 0.9])

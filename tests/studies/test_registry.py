@@ -20,7 +20,7 @@ def test_every_study_takes_its_options(name, tmp_path):
     assert issubclass(work, Work)
     assert work.name == name
     parameters = inspect.signature(work).parameters
-    assert options <= set(parameters)
+    assert options <= set(parameters), "Command(..., options) and the class must agree"
     assert all(parameters[o].default is not inspect.Parameter.empty for o in options)
     assert inspect.getdoc(work)
 
