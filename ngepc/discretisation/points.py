@@ -77,18 +77,18 @@ class Elements:
     slopes: np.ndarray
     """Derivatives of the shape functions at the points, shape (elements, p, k, slopes)."""
 
-    def parts(self, numbers: int) -> list[Elements]:
-        """The elements in an even number of parts, as views; of each element so many ``numbers``.
+    def chunks(self, numbers: int) -> list[slice]:
+        """The elements in an even number of parts; of each element so many ``numbers``.
 
         There is one part if they are few.
         """
-        total = numbers * len(self.nodes)
+        elements = len(self.nodes)
+        total = numbers * elements
         if total < SMALL:
-            return [self]
+            return [slice(0, elements)]
         count = 2 * ceil(total / (2 * CHUNK))
-        size = max(1, ceil(len(self.nodes) / count))
-        firsts = range(0, len(self.nodes), size)
-        return [self.of(slice(first, first + size)) for first in firsts]
+        size = max(1, ceil(elements / count))
+        return [slice(first, first + size) for first in range(0, elements, size)]
 
     def of(self, chosen: np.ndarray | slice) -> Elements:
         """Some of the elements."""
@@ -96,14 +96,14 @@ class Elements:
         return replace(self, **{name: getattr(self, name)[chosen] for name in names})
 
     @property
-    def matrix_parts(self) -> list[Elements]:
+    def matrix_chunks(self) -> list[slice]:
         """Parts for matrices of the elements."""
-        return self.parts(self.basis.shape[1] ** 2 * self.shapes.shape[1] ** 2)
+        return self.chunks(self.basis.shape[1] ** 2 * self.shapes.shape[1] ** 2)
 
     @property
     def row_parts(self) -> list[Elements]:
-        """Parts for what has the size of the slopes."""
-        return self.parts(self.slopes[0].size)
+        """Parts for what has the size of the slopes, as views."""
+        return [self.of(chosen) for chosen in self.chunks(self.slopes[0].size)]
 
     @property
     def _shares(self) -> np.ndarray:

@@ -30,6 +30,8 @@ from ngepc.discretisation.points import Elements, Moduli, Points
 from ngepc.discretisation.slanted import SlantedNodes
 from ngepc.linalg.cores import in_order
 from ngepc.linalg.direct import both_triangles, lower_triangle
+from ngepc.linalg.morton import along_curve
+from ngepc.model.elements import vertex_coordinates
 
 
 class Blocks:
@@ -185,6 +187,36 @@ class SlantedBlocks:
         values[self._own] += stiffness[:, None, None] * self._held
 
 
+class ElementPart(NamedTuple):
+    """Some ``count`` elements of one shape, whose matrices are in memory at the same time."""
+
+    block: Elements
+    chosen: slice | np.ndarray
+    count: int
+
+    @property
+    def elements(self) -> Elements:
+        """The elements, views of the block or copies."""
+        return self.block.of(self.chosen)
+
+
+def parts_for_matrices(points: Points) -> Iterator[ElementPart]:
+    """Parts of the elements, in space such that the elements of a part are near each other.
+
+    Then few blocks belong to several parts.  Refined meshes have the children of an element far
+    from each other.
+    """
+    for block in points.blocks:
+        chunks = block.matrix_chunks
+        order = None
+        if points.mesh.dim == 3 and len(chunks) > 1:
+            corners = vertex_coordinates(points.mesh)[block.nodes[:, :4]]
+            order = along_curve(corners.mean(axis=1))
+        for chunk in chunks:
+            chosen = chunk if order is None else np.sort(order[chunk])
+            yield ElementPart(block, chosen, len(block.nodes[chunk]))
+
+
 class Gather(NamedTuple):
     """Which blocks some elements touch, and how they are summed from pairs of nodes.
 
@@ -220,22 +252,23 @@ class ElementStiffness(Stiffness):
 
     def __init__(self, points: Points, free: np.ndarray) -> None:
         super().__init__(points.mesh, points.order, free)
-        self._parts = [part for block in points.blocks for part in block.matrix_parts]
-        most = max(part.nodes.size * part.nodes.shape[1] for part in self._parts)
+        self._parts = list(parts_for_matrices(points))
+        most = max(part.count * part.block.nodes.shape[1] ** 2 for part in self._parts)
         self._ones = np.ones(self.N * most)
         self._gathers = list(in_order(self._gather, self._parts))
         self._rows_first = list(self._first_touched())
 
-    def _gather(self, part: Elements) -> Gather:
+    def _gather(self, part: ElementPart) -> Gather:
         """How the blocks of some elements are summed.
 
         The block of nodes i >= j takes the pair (a, b) of an element with its nodes in this order.
         """
-        count, k = part.nodes.shape
+        nodes = part.block.nodes[part.chosen]
+        count, k = nodes.shape
         N = self.N
         a, b = np.tril_indices(k)
-        i = part.nodes[:, a]
-        j = part.nodes[:, b]
+        i = nodes[:, a]
+        j = nodes[:, b]
         first_row = np.where(i >= j, N * k * a + b, N * k * b + a)
         first_row = first_row + N * k**2 * np.arange(count)[:, None]
         places = self.places(np.maximum(i, j), np.minimum(i, j)).ravel()
@@ -243,7 +276,7 @@ class ElementStiffness(Stiffness):
         places = places[order]
         first = np.flatnonzero(np.diff(places, prepend=-1))
         starts = np.append(first, len(order)).astype(np.int32)
-        matrix = self._by_rows(starts, first_row.ravel()[order], part.nodes.shape)
+        matrix = self._by_rows(starts, first_row.ravel()[order], nodes.shape)
         return Gather(places[first], matrix)
 
     def _first_touched(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -284,7 +317,7 @@ class ElementStiffness(Stiffness):
             """Write what is fresh of the blocks of a part; where the others are, and these."""
             gather = self._gathers[number]
             fresh, others = self._rows_first[number]
-            blocks = gather.summed(self._parts[number].stiffness(data), self.N)
+            blocks = gather.summed(self._parts[number].elements.stiffness(data), self.N)
             items[gather.touched[fresh]] = as_items(blocks)[fresh]
             return gather.touched[others], blocks[others]
 

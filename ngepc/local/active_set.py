@@ -11,7 +11,7 @@ secants.
 from __future__ import annotations
 
 from copy import copy
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from ngepc.discretisation.contact_step import with_contact
 from ngepc.discretisation.rows import HELD
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.friction import SHORTEST, SOFT
+from ngepc.linalg.secants import Compliance
 from ngepc.local.closed import Closed, TangentialRows
 from ngepc.local.iterative import IterativeTangent
 from ngepc.local.system import DiscreteProblem, State
@@ -63,11 +64,15 @@ class InexactTarget:
         self._tolerance = tolerance
         self._body = discrete
         self._contact = discrete.contact
-        self._compliance = discrete.compliance()
         free = discrete.free.ravel()
         tangential = discrete.rows.tangential
         moved = np.asarray(abs(tangential[:, np.flatnonzero(free)]).sum(axis=1)).ravel()
         self._movable = (moved > HELD).reshape(discrete.rows.tangents.shape[:2])
+
+    @cached_property
+    def _compliance(self) -> Compliance:
+        """A guess of the compliance of all rows: a dense matrix, which few problems need."""
+        return self._body.compliance()
 
     def closer(self) -> InexactTarget | None:
         """One that solves linear systems more accurately, None at the finest."""
