@@ -1,5 +1,6 @@
 """Bounds of bodies of thickness t: energies and forces are t times those of thickness one."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 from featured import CYCLIC, LAW, PLAIN, PRESSED
 
 from ngepc import (
+    ContactForceOn,
     Coulomb,
+    DisplacementAt,
     LoadWork,
     MeanDisplacement,
     Reaction,
@@ -25,6 +28,7 @@ from ngepc import (
 )
 from ngepc.bounds.of_state import bound_data_of
 from ngepc.geometries import block
+from ngepc.goals.goal_terms import LEGAL
 
 T = 2.5
 BODY = replace(PLAIN, contact="contact", gap=3e-4)
@@ -66,8 +70,18 @@ GOALS = [
     ("work", T),
     (Reaction("clamped", 1), T),
     (LoadWork({"right": (1.0, 0.0)}), T),
+    (ContactForceOn("contact"), T),
     (MeanDisplacement("right", 0), 1.0),
+    (DisplacementAt((0.8, 0.45), 0), 1.0),
 ]
+
+
+def test_every_goal_is_here():
+    given = {
+        goal if isinstance(goal, str) else type(goal).__name__ for goal, _ in GOALS
+    }
+    legal = set(re.findall(r"(\w+)(?='|\()", LEGAL))
+    assert given == legal, "add it to GOALS, with what it is multiplied by"
 
 
 def test_forces_grow_like_the_thickness_and_displacements_do_not():

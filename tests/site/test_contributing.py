@@ -48,6 +48,19 @@ def test_every_room_has_its_sentence():
     assert told == rooms - {"geometries", "notebooks"}
 
 
+def test_the_files_of_new_parts_exist():
+    """Those of the package are named from its folder on."""
+    rows = re.search(r"^## New parts.*?^## ", TEXT, re.DOTALL | re.MULTILINE)[0]
+    named = set(re.findall(r"`([\w/.]+/[\w/.]+\.\w+)`", rows))
+    assert len(named) >= 25
+    missing = [
+        name
+        for name in named
+        if not any((folder / name).is_file() for folder in (ROOT, ROOT / "ngepc"))
+    ]
+    assert missing == ["notebooks/NN_name.ipynb"]
+
+
 @pytest.mark.parametrize("example", ["hardening law"], indirect=True)
 def test_an_own_law_meets_its_closed_form(example):
     result, law = example["saturating"], example["law"]
