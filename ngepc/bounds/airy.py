@@ -68,18 +68,23 @@ class Rule:
     """
 
     def __init__(self, degree: int) -> None:
-        k = {3: 3, 4: 6}[degree]
+        k = {3: 3, 4: 6}[degree]  # points of a part
         self.shares = {3: RULE[3], 6: SIX}[k]
         self.weights = np.tile(WEIGHTS[k] / 3, 3)
-        self.nodal = {3: np.eye(3), 6: AT_NODES}[k] @ np.linalg.inv(RULE[k])
+        to_coefficients = np.linalg.inv(RULE[k])
+        self.nodal = {3: np.eye(3), 6: AT_NODES}[k] @ to_coefficients
+
         rows = airy_stresses(3, self.shares)
         if degree == 4:
             more = airy_stresses(4, self.shares)[:, :, 12:]
             rows = np.concatenate([rows, more], axis=2)
+
         products = np.einsum("q,qim,qjn->qijmn", self.weights, rows, rows)
-        products += (1 - np.eye(3))[:, :, None, None] * products.swapaxes(1, 2)
+        off_diagonal = 1 - np.eye(3)
+        products += off_diagonal[:, :, None, None] * products.swapaxes(1, 2)
         entries = products[:, FIRST, SECOND].reshape(len(rows), 6, -1)
         self.stiffness = entries[..., kept_entries(rows.shape[2])]
+
         self.rows = rows.reshape(3 * len(rows), -1)
         self.forces = np.repeat(self.weights, 3)[:, None] * self.rows
 

@@ -130,16 +130,19 @@ class Conditions:
 
     def assembled(self, blocks: np.ndarray) -> tuple[csc_matrix, np.ndarray]:
         """The sum of blocks (cells, 3 n, 3 n), with a unit diagonal, and the scale for that."""
-        blocks = blocks * self._sign[:, :, None] * self._sign[:, None]
+        signed = blocks * self._sign[:, :, None] * self._sign[:, None]
         rows = np.broadcast_to(self._numbers[:, :, None], blocks.shape)
         columns = np.broadcast_to(self._numbers[:, None], blocks.shape)
         chosen = self._there[:, :, None] & self._there[:, None]
-        entries = blocks[chosen], (rows[chosen], columns[chosen])
-        S = csc_matrix(entries, shape=(self.count, self.count))
+        places = rows[chosen], columns[chosen]
+        S = csc_matrix((signed[chosen], places), shape=(self.count, self.count))
+
         diagonal = S.diagonal()
         there = diagonal > VANISHING * diagonal.max(initial=0.0)
-        scale = np.where(there, 1 / np.sqrt(np.where(there, diagonal, 1.0)), 0.0)
-        return (diags(scale) @ S @ diags(scale)).tocsc(), scale
+        positive = np.where(there, diagonal, 1.0)
+        scale = np.where(there, 1 / np.sqrt(positive), 0.0)
+        unit = diags(scale) @ S @ diags(scale)
+        return unit.tocsc(), scale
 
     def missing(self, y: np.ndarray, given: np.ndarray) -> np.ndarray:
         """What the stress y lacks of the jumps ``given`` (facets, n), (count,)."""

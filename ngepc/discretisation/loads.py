@@ -121,14 +121,20 @@ def shares_of_supports(problem: Problem) -> dict[Place, np.ndarray]:
     A component that several supports hold at a node is shared equally among them.
     """
     scalar = H1(problem.mesh, order=problem.order)
+    shape = (problem.N, scalar.ndof)
     supports = (*problem.clamped_names, *problem.single("prescribed"))
-    here = {place: np.zeros((problem.N, scalar.ndof)) for place in supports}
+    here = {place: np.zeros(shape) for place in supports}
     for _, place, axis, _ in problem.held:
         here[place][axis, nodes_at(scalar, place)] = 1.0
-    summed = problem.nodal_processes.summed
-    held = {place: np.minimum(summed(mask.T).T, 1.0) for place, mask in here.items()}
-    count = np.maximum(sum(held.values(), np.zeros((problem.N, scalar.ndof))), 1.0)
-    return {place: mask / count for place, mask in held.items()}
+
+    def on_all_processes(mask: np.ndarray) -> np.ndarray:
+        """1 at components that the support holds here or on another process, else 0."""
+        processes = problem.nodal_processes
+        return np.minimum(processes.summed(mask.T).T, 1.0)
+
+    held = {place: on_all_processes(mask) for place, mask in here.items()}
+    count = sum(held.values(), np.zeros(shape))
+    return {place: mask / np.maximum(count, 1.0) for place, mask in held.items()}
 
 
 def support_motion(problem: Problem, support: str, component: int) -> np.ndarray:

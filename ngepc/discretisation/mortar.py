@@ -159,10 +159,12 @@ def biorthogonal(one: Surface, at: Overlap, order: int) -> np.ndarray:
     mass = np.zeros((len(one.corners), k, k))
     products = at.weights[:, None, None] * B[:, :, None] * B[:, None, :]
     np.add.at(mass, at.first, products)
-    size = np.linalg.eigvalsh(mass)
-    good = size[:, 0] > SLIVER[order] * size[:, -1]
+    eigenvalues = np.linalg.eigvalsh(mass)
+    covered = eigenvalues[:, 0] > SLIVER[order] * eigenvalues[:, -1]
+
     A = np.broadcast_to(np.eye(k), mass.shape).copy()
-    A[good] = mass[good].sum(axis=2)[:, :, None] * np.linalg.inv(mass[good])
+    lumped = mass[covered].sum(axis=2)
+    A[covered] = lumped[:, :, None] * np.linalg.inv(mass[covered])
     return np.einsum("pij,pj->pi", A[at.first], B)
 
 

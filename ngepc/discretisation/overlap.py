@@ -89,17 +89,27 @@ class Surface:
 
     def means(self, space: H1, facets: np.ndarray, lam: np.ndarray) -> csr_matrix:
         """A function of a space at barycentric coordinates lam (n, N), shape (n, nodes)."""
-        nodes = np.array([space.GetDofNrs(number) for number in self._numbers])[facets]
-        if nodes.shape[1] > lam.shape[1]:
-            element = space.GetFE(self._numbers[0])
-            N = lam.shape[1]
-            pairs = np.array([*combinations_with_replacement(range(N), 2)])
-            known = np.eye(N)[pairs].mean(axis=1)
-            values = [np.array(element.CalcShape(*point[:-1])) for point in known]
-            shapes = np.linalg.solve(known[:, pairs].prod(axis=2), values)
-            lam = lam[:, pairs].prod(axis=2) @ shapes
-        where = np.repeat(np.arange(len(lam)), nodes.shape[1]), nodes.ravel()
-        return csr_matrix((lam.ravel(), where), shape=(len(lam), space.ndof))
+        every = np.array([space.GetDofNrs(number) for number in self._numbers])
+        nodes = every[facets]
+        points, k = nodes.shape
+        shapes = lam if k == lam.shape[1] else self._quadratic_shapes(space, lam)
+        rows = np.repeat(np.arange(points), k)
+        entries = shapes.ravel(), (rows, nodes.ravel())
+        return csr_matrix(entries, shape=(points, space.ndof))
+
+    def _quadratic_shapes(self, space: H1, lam: np.ndarray) -> np.ndarray:
+        """The shape functions of order two at barycentric coordinates (n, N), shape (n, k).
+
+        They are combinations of products of two coordinates, found from as many values.
+        """
+        element = space.GetFE(self._numbers[0])
+        N = lam.shape[1]
+        pairs = np.array([*combinations_with_replacement(range(N), 2)])
+        known = np.eye(N)[pairs].mean(axis=1)
+        values = [np.array(element.CalcShape(*point[:-1])) for point in known]
+        at_known = known[:, pairs].prod(axis=2)
+        factors = np.linalg.solve(at_known, values)
+        return lam[:, pairs].prod(axis=2) @ factors
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,21 +143,31 @@ def _overlaps(one: Surface, two: Surface, i: np.ndarray, j: np.ndarray) -> tuple
     pieces = np.clip(seen, 0, 1)[:, None] if N == 2 else _fans(_clipped(seen))
     size = np.abs(np.linalg.det(pieces))
     pair, piece = np.nonzero(size > THIN)
-    x = np.array([point[: N - 1] for point in RULES[N].points])
-    w = np.array(RULES[N].weights)
-    x = np.column_stack([1 - x.sum(axis=1), x])
-    lam = (x @ pieces[pair, piece]).reshape(len(pair) * len(w), N)
-    weights = (size[pair, piece] * one.areas[i[pair]])[:, None] * w / w.sum()
-    i = np.repeat(i[pair], len(w))
-    j = np.repeat(j[pair], len(w))
+
+    shares, of_rule = _barycentric_rule(N)
+    count = len(of_rule)
+    lam = (shares @ pieces[pair, piece]).reshape(len(pair) * count, N)
+    areas = size[pair, piece] * one.areas[i[pair]]
+    weights = areas[:, None] * of_rule / of_rule.sum()
+    i = np.repeat(i[pair], count)
+    j = np.repeat(j[pair], count)
+
     here = _interpolated(one.corners[i], lam)
     normals = unit_vectors(_interpolated(one.nodal[i], lam))
     other = _hit(two.corners[j], here, normals if N == 2 else one.normals[i])
-    gaps = ((_interpolated(two.corners[j], other) - here) * normals).sum(axis=1)
+    there = _interpolated(two.corners[j], other)
+    gaps = ((there - here) * normals).sum(axis=1)
     near = gaps > -(one.radii[i] + two.radii[j])
     near &= other.min(axis=1) > -OUTSIDE
     parts = i, j, lam, other, weights.ravel(), normals, gaps
     return tuple(part[near] for part in parts)
+
+
+def _barycentric_rule(N: int) -> tuple[np.ndarray, np.ndarray]:
+    """The barycentric points (q, N) and the weights of the rule on a facet."""
+    x = np.array([point[: N - 1] for point in RULES[N].points])
+    shares = np.column_stack([1 - x.sum(axis=1), x])
+    return shares, np.array(RULES[N].weights)
 
 
 def _candidates(one: Surface, two: Surface) -> Iterator[tuple[np.ndarray, np.ndarray]]:

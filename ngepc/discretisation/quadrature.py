@@ -65,14 +65,22 @@ def classify(
     """
     kind = np.full(len(nodes), IDLE)
     low, high = (np.broadcast_to(bound, kind.shape) for bound in (low, high))
-    touched = np.flatnonzero(np.sqrt((q * q).sum(axis=0))[nodes].max(axis=1) > low)
+    size = np.sqrt((q * q).sum(axis=0))
+    touched = np.flatnonzero(size[nodes].max(axis=1) > low)
+
     corner = q[:, nodes[touched].T]  # components, vertices, elements
     mean = corner.mean(axis=1)
-    direction = mean / (np.sqrt((mean * mean).sum(axis=0)) + 1e-300)
-    along = (corner * direction[:, None]).sum(axis=0).min(axis=0)
-    spread = np.sqrt(((corner - mean[:, None]) ** 2).sum(axis=0).max(axis=0))
-    smooth = (along > high[touched]) & (low[touched] == high[touched])
-    smooth &= spread < SMOOTH_VARIATION * along
+    mean_size = np.sqrt((mean * mean).sum(axis=0))
+    direction = mean / (mean_size + 1e-300)
+    along = (corner * direction[:, None]).sum(axis=0)
+    least = along.min(axis=0)
+    off_mean = corner - mean[:, None]
+    spread = np.sqrt((off_mean**2).sum(axis=0).max(axis=0))
+
+    above = least > high[touched]
+    one_threshold = low[touched] == high[touched]
+    nearly_constant = spread < SMOOTH_VARIATION * least
+    smooth = above & one_threshold & nearly_constant
     kind[touched] = np.where(smooth, SMOOTH, KINKED)
     return kind
 

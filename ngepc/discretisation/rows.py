@@ -201,11 +201,15 @@ def meeting_faces(
     corners = np.arange(count)
     size = np.linalg.norm(normals, axis=1)
     at = csr_matrix((ones, (corners, nodes)), shape=(count, nodes.max(initial=0) + 1))
-    i, j = (at @ at.T).nonzero()
-    least = np.where(names[i] == names[j], SAME_FACE, SAME_FACE_ACROSS)
-    alike = np.einsum("pc,pc->p", normals[i], normals[j]) > least * size[i] * size[j]
-    graph = csr_matrix((ones[i[alike]], (i[alike], j[alike])), shape=(count, count))
+    i, j = (at @ at.T).nonzero()  # pairs of corners at one node
+
+    least_cosine = np.where(names[i] == names[j], SAME_FACE, SAME_FACE_ACROSS)
+    products = np.einsum("pc,pc->p", normals[i], normals[j])
+    alike = products > least_cosine * size[i] * size[j]
+    pairs = i[alike], j[alike]
+    graph = csr_matrix((ones[pairs[0]], pairs), shape=(count, count))
     face = connected_components(graph)[1]
+
     found, row = np.unique(np.column_stack([nodes, face]), axis=0, return_inverse=True)
     sums = csr_matrix((ones, (row.ravel(), corners)), shape=(len(found), count))
     return found[:, 0], sums

@@ -526,15 +526,31 @@ class Scan:
         return Parts(corners, self._at_corners(number, piece, corners), size)
 
     def _at_corners(self, number: int, piece: Piece, corners: np.ndarray) -> np.ndarray:
-        """Values at corners and centres of parts of a piece, (parts, dim + 2, .)."""
+        """Values at corners and centres of parts of a piece, (parts, dim + 2, .).
+
+        A corner that several parts share is evaluated once.
+        """
+        every = corners.reshape(-1, self.dim + 1)
+        first, index = self._distinct(every)
+        distinct = rule_at(every[first] @ piece.corners)
+        at_corners = self._at(number, distinct)[index]
+        at_corners = at_corners.reshape(*corners.shape[:2], -1)
+
+        centres = rule_at(corners.mean(axis=1) @ piece.corners)
+        at_centres = self._at(number, centres)
+        return np.concatenate([at_corners, at_centres[:, None]], axis=1)
+
+    def _distinct(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The first of equal barycentric points (n, dim + 1), and the place of each among these.
+
+        They are points of the finest lattice, where coordinates are integers.
+        """
         most = self.count * 2 ** LEVELS[self.dim]
-        keys = (corners.reshape(-1, self.dim + 1) * most).round().astype(np.int64)
-        codes = keys[:, :-1] @ (most + 1) ** np.arange(self.dim)
+        on_lattice = (points * most).round().astype(np.int64)
+        powers = (most + 1) ** np.arange(self.dim)
+        codes = on_lattice[:, :-1] @ powers
         _, first, index = np.unique(codes, return_index=True, return_inverse=True)
-        rule = rule_at(corners.reshape(-1, self.dim + 1)[first] @ piece.corners)
-        values = self._at(number, rule)[index].reshape(*corners.shape[:2], -1)
-        centres = self._at(number, rule_at(corners.mean(axis=1) @ piece.corners))
-        return np.concatenate([values, centres[:, None]], axis=1)
+        return first, index
 
     def _measure(self, number: int, rule: IntegrationRule) -> np.ndarray:
         """The size of the element by the Jacobian at the points of a rule, (points,)."""

@@ -377,15 +377,20 @@ def by_moduli(points: Points, free: np.ndarray) -> SymbolicStiffness:
     def form(u: ProxyFunction, v: ProxyFunction) -> SumOfIntegrals:
         """The stiffness form with the moduli of the points."""
         bulk, across, extra, direction, coupling = known
-        e, d = (kinematics.coordinates(kinematics.strain(w)) for w in (u, v))
-        volumes = [Trace(kinematics.strain(w)) for w in (u, v)]
+        strain_u = kinematics.strain(u)
+        strain_v = kinematics.strain(v)
+        volume_u = Trace(strain_u)
+        volume_v = Trace(strain_v)
+        e = kinematics.coordinates(strain_u)
+        d = kinematics.coordinates(strain_v)
+
         along = InnerProduct(direction, e) * InnerProduct(direction, d)
-        power = bulk * volumes[0] * volumes[1] + across * InnerProduct(e, d)
+        power = bulk * volume_u * volume_v + across * InnerProduct(e, d)
         power = power + extra * along
         if kinematics.thin:
             matrix = CF(tuple(coupling[i] for i in range(s * s)), dims=(s, s))
-            strains = [CF((t, c)) for t, c in zip(volumes, (e, d), strict=True)]
-            power = power + InnerProduct(matrix * strains[0], strains[1])
+            stresses = matrix * CF((volume_u, e))
+            power = power + InnerProduct(stresses, CF((volume_v, d)))
         return (kinematics.weight * power).Compile() * dx(intrules=points.rules)
 
     def enter(moduli: Moduli) -> None:

@@ -280,14 +280,20 @@ class CurveSearch:
 
     def _steepest(self, rho: np.ndarray, r: np.ndarray) -> np.ndarray:
         """No less than |n : w - c rho| for directions n of rho p + r w between nodes."""
-        c = self.c[:, None]
+        c, p, w = (size[:, None] for size in (self.c, self.p, self.w))
         both = self.both[:, None]
-        along = np.where(both > 0, rho[:, :-1], rho[:, 1:]) * both
-        along = along + r[:, :-1] * self.w_square[:, None]
-        longest = rho[:, 1:] * self.p[:, None] + r[:, 1:] * self.w[:, None]
-        least = np.where(along > 0, along / np.maximum(longest, TINY), -self.w[:, None])
-        up = self.w[:, None] - c * rho[:, :-1]
-        down = c * rho[:, 1:] - least
+        w_square = self.w_square[:, None]
+        first_rho = rho[:, :-1]
+        last_rho = rho[:, 1:]
+
+        # the least w : (rho p + r w), and the least n : w with it
+        along = np.where(both > 0, first_rho, last_rho) * both
+        along = along + r[:, :-1] * w_square
+        longest = last_rho * p + r[:, 1:] * w
+        least = np.where(along > 0, along / np.maximum(longest, TINY), -w)
+
+        up = w - c * first_rho
+        down = c * last_rho - least
         return np.maximum(np.maximum(up, down), 0.0)
 
     def _after(self, rho: np.ndarray, r: np.ndarray) -> np.ndarray:

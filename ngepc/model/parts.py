@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from functools import cached_property, partial
-from itertools import combinations
+from itertools import combinations, pairwise
 from types import TracebackType
 from typing import Any
 
@@ -89,26 +89,51 @@ def _halved(corners: np.ndarray, edges: np.ndarray, points: np.ndarray) -> np.nd
     Inside a tetrahedron an octahedron is left, cut along its shortest diagonal (Bey, 1995).
     """
     k = corners.shape[1]
-    count = len(points) - len(edges)
-    at = {(i, i): corners[:, i] for i in range(k)}
-    for a, b in combinations(range(k), 2):
-        low, high = np.sort(corners[:, [a, b]], axis=1).T
-        at[a, b] = at[b, a] = count + np.searchsorted(edges, low * count + high)
+    at = _corners_and_middles(corners, edges, len(points) - len(edges))
     children = [np.stack([at[i, j] for j in range(k)], axis=1) for i in range(k)]
     if k == 3:
         children.append(np.stack([at[0, 1], at[1, 2], at[0, 2]], axis=1))
     if k == 4:
-        cuts = []
-        lengths = []  # for each pair of opposite edges, whose middles a diagonal joins
-        for (a, b), (c, d) in ((2, 3), (0, 1)), ((2, 0), (1, 3)), ((1, 2), (0, 3)):
-            ends = at[a, b], at[c, d]
-            ring = at[c, a], at[d, a], at[d, b], at[c, b]
-            around = zip(ring, (*ring[1:], ring[0]), strict=True)
-            cuts.append([np.stack([*ends, *pair], axis=1) for pair in around])
-            lengths.append(np.linalg.norm(points[ends[0]] - points[ends[1]], axis=1))
-        shortest = np.argmin(np.round(lengths, 12), axis=0)[:, None]
-        children += [np.choose(shortest, cut) for cut in zip(*cuts, strict=True)]
+        children += _octahedron(at, points)
     return np.concatenate(children)
+
+
+def _corners_and_middles(
+    corners: np.ndarray, edges: np.ndarray, count: int
+) -> dict[tuple[int, int], np.ndarray]:
+    """(i, j) -> the vertex between the corners i and j of each simplex; corner i for i = j.
+
+    ``edges`` are codes of the vertices of an edge, low * count + high, in order.
+    """
+    k = corners.shape[1]
+    at = {(i, i): corners[:, i] for i in range(k)}
+    for a, b in combinations(range(k), 2):
+        low, high = np.sort(corners[:, [a, b]], axis=1).T
+        middle = count + np.searchsorted(edges, low * count + high)
+        at[a, b] = middle
+        at[b, a] = middle
+    return at
+
+
+OPPOSITE = (((2, 3), (0, 1)), ((2, 0), (1, 3)), ((1, 2), (0, 3)))
+"""Opposite edges of a tetrahedron, whose middles a diagonal of the octahedron joins."""
+
+
+def _octahedron(
+    at: dict[tuple[int, int], np.ndarray], points: np.ndarray
+) -> list[np.ndarray]:
+    """The four tetrahedra around the shortest diagonal of the octahedron of middles."""
+    cuts = []
+    lengths = []
+    for (a, b), (c, d) in OPPOSITE:
+        first = at[a, b]
+        last = at[c, d]
+        ring = [at[c, a], at[d, a], at[d, b], at[c, b]]
+        sides = pairwise([*ring, ring[0]])
+        cuts.append([np.stack([first, last, *side], axis=1) for side in sides])
+        lengths.append(np.linalg.norm(points[first] - points[last], axis=1))
+    shortest = np.argmin(np.round(lengths, 12), axis=0)[:, None]
+    return [np.choose(shortest, cut) for cut in zip(*cuts, strict=True)]
 
 
 class MeshPart(Mesh):

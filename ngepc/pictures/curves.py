@@ -344,17 +344,25 @@ def arc_lengths(segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     They are distances from a tip in the graph of the ends; closed curves are cut at one segment.
     """
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
-    places = np.round(segments.reshape(-1, 2) / (np.ptp(segments) or 1.0), 9)
+    extent = np.ptp(segments) or 1.0
+    places = np.round(segments.reshape(-1, 2) / extent, 9)
     known, ends = np.unique(places, axis=0, return_inverse=True)
     ends = ends.reshape(-1, 2)
+
     graph = csr_matrix((lengths, ends.T), shape=(len(known), len(known)))
     tree = minimum_spanning_tree(graph)
     curves = connected_components(graph)[1]
     joints = np.bincount(np.concatenate(tree.nonzero()), minlength=len(known))
-    tips = [
-        np.flatnonzero(curves == c)[np.argmin(joints[curves == c])] for c in set(curves)
-    ]
+    tips = [_least_of(joints, curves == curve) for curve in set(curves)]
     s = dijkstra(tree, directed=False, indices=tips, min_only=True)[ends]
+
+    # where a closed curve is cut, the nearer end gets the length of the whole curve
     cut = np.flatnonzero(np.abs(s[:, 1] - s[:, 0]) > 1.5 * lengths)
-    s[cut, np.argmin(s[cut], axis=1)] = s[cut].max(axis=1) + lengths[cut]
+    nearer = np.argmin(s[cut], axis=1)
+    s[cut, nearer] = s[cut].max(axis=1) + lengths[cut]
     return s, curves[ends[:, 0]]
+
+
+def _least_of(values: np.ndarray, chosen: np.ndarray) -> int:
+    """The index of the smallest of the chosen values."""
+    return np.flatnonzero(chosen)[np.argmin(values[chosen])]

@@ -238,10 +238,16 @@ def crossed(data: np.ndarray, level: np.ndarray) -> np.ndarray:
 def tetrahedra(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Points of a reference element whose edges are cut into n parts, and its tetrahedra."""
     t = np.arange(n + 1) / n
-    lattice = np.stack(np.meshgrid(t, t, t, indexing="ij"), axis=-1).reshape(-1, 3)
-    total = {ET.TET: lattice.sum(axis=1), ET.PRISM: lattice[:, :2].sum(axis=1)}
-    points = lattice[total.get(shape, np.zeros(len(lattice))) <= 1 + 1e-12]
+    axes = np.meshgrid(t, t, t, indexing="ij")
+    cube = np.stack(axes, axis=-1).reshape(-1, 3)
+    points = cube[_in_element(shape, cube)]
     found = Delaunay(points).simplices
     edges = points[found[:, 1:]] - points[found[:, :1]]
-    solid = np.abs(np.linalg.det(edges)) > 1e-9
-    return points, found[solid]
+    volumes = np.abs(np.linalg.det(edges))
+    return points, found[volumes > 1e-9]
+
+
+def _in_element(shape: ET, points: np.ndarray) -> np.ndarray:
+    """Which points (n, 3) of the unit cube are in the reference element of a shape."""
+    bounded = {ET.TET: 3, ET.PRISM: 2}.get(shape, 0)  # coordinates with a sum <= 1
+    return points[:, :bounded].sum(axis=1) <= 1 + 1e-12
