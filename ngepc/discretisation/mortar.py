@@ -94,10 +94,8 @@ def _mortar_means(
 ) -> MortarMeans:
     """The means with biorthogonal functions; nodes that are hardly covered are left out."""
     points, N = at.lam.shape
-    weights = at.weights
-    if problem.kinematics.hoop:
-        radius = (at.lam * one.corners[at.first, :, 0]).sum(axis=1)
-        weights = 2 * np.pi * weights * radius
+    radius = (at.lam * one.corners[at.first, :, 0]).sum(axis=1)
+    weights = at.weights * problem.kinematics.weight_at(radius)
     nodes, first, row = np.unique(
         one.nodes(space)[at.first], return_index=True, return_inverse=True
     )

@@ -108,7 +108,13 @@ class Kinematics:
     @property
     def weight(self) -> CoefficientFunction:
         """The factor of volume and surface integrals: 2 pi r for a ring, a thickness, 1."""
-        return 2 * math.pi * x if self.hoop else CF(self.thickness)
+        return CF(self.weight_at(x))
+
+    def weight_at(
+        self, radius: CoefficientFunction | np.ndarray
+    ) -> CoefficientFunction | np.ndarray | float:
+        """The same where ``x`` is ``radius``."""
+        return 2 * math.pi * radius if self.hoop else self.thickness
 
     def strain(self, u: CoefficientFunction) -> CoefficientFunction:
         """Linearised strain eps(u), ``size`` x ``size``, of a displacement or a proxy."""

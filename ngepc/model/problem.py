@@ -19,8 +19,8 @@ from ngepc.model.features import features_of
 from ngepc.model.kinematics import TWO_DIMENSIONAL, kinematics_of, with_thickness
 from ngepc.model.material import Material
 
-MADE = ("mesh", "kinematics", "order")
-"""Fields that are converted when a problem is made."""
+MADE = ("mesh", "kinematics", "order", "thickness")
+"""Fields that are converted when a problem is made, or by which others are."""
 
 
 @dataclass(frozen=True, eq=False)

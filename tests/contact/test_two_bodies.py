@@ -107,6 +107,24 @@ def test_floating_body(N, order, friction):
     assert result.iterations <= 5
 
 
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("friction", [None, 2.0, Coulomb(0.2)])
+def test_thickness_multiplies_areas_and_forces_but_not_pressures(order, friction):
+    """Of a pair that is sheared and slips; without friction it always slips."""
+    t = 2.5
+    held = {"bottom": (0, 0), "top": (3 * SQUEEZE, -SQUEEZE)}
+    thin = stacked(2, order=order, friction=friction, kinematics="plane stress")
+    one = solved(thin.changed(prescribed=held))
+    thick = solved(thin.changed(prescribed=held, thickness=t))
+    assert friction is None or np.abs(one.nodal_slip).max() > SQUEEZE / 20
+    assert thick.state.u == pytest.approx(one.state.u, abs=1e-12)
+    assert thick.contact_area == pytest.approx(t * one.contact_area, rel=1e-12)
+    assert thick.contact_force == pytest.approx(t * one.contact_force, rel=1e-9)
+    for density in ("contact_pressure", "friction_stress"):
+        found, known = (getattr(r, density).vec.FV().NumPy() for r in (thick, one))
+        assert found == pytest.approx(known, rel=1e-8, abs=1e-8 * SQUEEZE * E)
+
+
 def on_top(traction, friction, pair=("above", "below")):
     """The upper square on the lower one, nothing else holds it."""
     prescribed, contact = {"bottom": (0, 0)}, Contact(*pair)

@@ -1,6 +1,6 @@
 """Plane stress against closed forms: bar, disc, ring to its limit, contact, thickness."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -108,10 +108,11 @@ def test_a_sheet_between_rigid_sides():
     assert stress == pytest.approx(np.diag([0.5, POISSON * 0.5, 0]), abs=1e-10)
 
 
-def test_thickness_multiplies_forces_and_energies():
+@pytest.mark.parametrize("change", [replace, Problem.changed])
+def test_thickness_multiplies_forces_and_energies(change):
     load = {"traction": {"right": (1.5, 0.0)}}
     one = semismooth_newton(sheet(**load))
-    thick = semismooth_newton(sheet(**load, thickness=0.4))
+    thick = semismooth_newton(change(one.problem, thickness=0.4))
     assert thick.primal_energy == pytest.approx(0.4 * one.primal_energy, rel=1e-12)
     pulled = thick.equilibrium.reactions["left"][0]
     assert pulled == pytest.approx(-0.4 * 1.5, rel=1e-10)
