@@ -5,6 +5,7 @@
 
 import gc
 import os
+import sys
 from functools import cache, wraps
 from pathlib import Path
 
@@ -193,6 +194,14 @@ ring.shell_octant_mesh = made_once(ring.shell_octant_mesh)
 def one_thread():
     SetNumThreads(1)
     SetMessageImportance(0)
+
+
+@pytest.fixture(autouse=True)
+def no_open_figures():
+    """Pictures are figures of pyplot where a test imports it."""
+    yield
+    if pyplot := sys.modules.get("matplotlib.pyplot"):
+        pyplot.close("all")
 
 
 @pytest.fixture

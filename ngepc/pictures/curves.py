@@ -16,7 +16,7 @@ from ngepc.evolution.result import Evolution
 from ngepc.model.problem import Problem
 from ngepc.pictures.drawable import UnitNames, fields_of, require_units, sources_of
 from ngepc.pictures.sampling import corners_of
-from ngepc.pictures.style import COLOURS, GUIDE, Picture, line_style, styled
+from ngepc.pictures.style import COLOURS, GUIDE, line_style, new_picture, styled
 from ngepc.pictures.wording import units_of
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import History
@@ -65,7 +65,7 @@ def plot_history(
         )
         for index, (label, history) in enumerate(histories.items())
     ]
-    figure = Picture(figsize=(7.6, 3.3))
+    figure = new_picture(figsize=(7.6, 3.3))
     draw_runs(figure.subplots(1, 2), runs, tolerance)
     if len(histories) > 1:
         curves = figure.axes[0].get_legend_handles_labels()
@@ -162,7 +162,7 @@ def plot_curve(
     units = require_units("units", units)
     histories = history if isinstance(history, Mapping) else {"": history}
     require_mapping("history", histories, "label -> what evolve returned")
-    axes = Picture(figsize=(5.2, 3.4)).subplots() if axes is None else axes
+    axes = new_picture(figsize=(5.2, 3.4)).subplots() if axes is None else axes
     require_instance("axes", axes, Axes, "matplotlib Axes or None")
     for name, words in {"xlabel": xlabel, "ylabel": ylabel}.items():
         if words is not None:
@@ -252,7 +252,7 @@ def plot_counts(
             for nodes, steps in row.items():
                 require_number(f"nodes in {name}[{label!r}]", nodes, 0, strict=True)
                 require_number(f"steps in {name}[{label!r}]", steps, 0)
-    figure = Picture(figsize=(5.6, 3.6))
+    figure = new_picture(figsize=(5.6, 3.6))
     axes = figure.subplots()
     for index, (label, row) in enumerate(counts.items()):
         style = line_style(index, len(row))
@@ -295,7 +295,7 @@ def plot_contact_pressure(
     """
     units = require_units("units", units)
     sources = sources_of("sources", sources)
-    axes = Picture(figsize=(5.6, 3.2)).subplots() if axes is None else axes
+    axes = new_picture(figsize=(5.6, 3.2)).subplots() if axes is None else axes
     require_instance("axes", axes, Axes, "matplotlib Axes or None")
     for index, (label, source) in enumerate(sources.items()):
         colour = COLOURS[index % len(COLOURS)]

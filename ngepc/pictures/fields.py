@@ -35,7 +35,7 @@ from ngepc.pictures.drawable import (
 from ngepc.pictures.meshes import axis_names, draw_names, is_mesh
 from ngepc.pictures.sampling import Corners, corners_of, obstacle_lines, visible
 from ngepc.pictures.stills import Angles, draw_solid, solid_image
-from ngepc.pictures.style import Picture, styled
+from ngepc.pictures.style import new_picture, styled
 from ngepc.results.fields import Fields
 
 SETS = (style.ELASTIC, style.PLASTIC, style.CONTACT)
@@ -369,7 +369,7 @@ class Drawing(Declared):
         columns = math.ceil(count / rows)
         shrink = min(1.0, 3.6 / width) if columns > 2 else 1.0
         size = (shrink * width * columns + 0.9 * bar, shrink * height * rows)
-        figure = Picture(figsize=size, layout="compressed")
+        figure = new_picture(figsize=size, layout="compressed")
         first = None
         for k in range(count):
             axes = figure.add_subplot(rows, columns, k + 1, sharex=first, sharey=first)

@@ -11,7 +11,7 @@ from ngepc.evolution.material_point import material_point, value_in_the_middle
 from ngepc.model.material import Material
 from ngepc.model.viscosity import SLOWEST
 from ngepc.pictures.drawable import UnitNames, require_units
-from ngepc.pictures.style import COLOURS, GUIDE, Picture, styled
+from ngepc.pictures.style import COLOURS, GUIDE, new_picture, styled
 
 BEYOND = 10.0  # largest strain of a picture over that at which a bar yields
 STEPS = 60  # of each of the five ways, all of the same length
@@ -61,7 +61,7 @@ def plot_material(
     units = require_units("units", units)
     strain = _default_strain(*given.values()) if strain is None else strain
     require_number("strain", strain, 0, strict=True)
-    axes = Picture(figsize=(5.6, 3.6)).subplots() if axes is None else axes
+    axes = new_picture(figsize=(5.6, 3.6)).subplots() if axes is None else axes
     require_instance("axes", axes, Axes, "matplotlib Axes or None")
     bars = [
         (title, material, rate)

@@ -20,7 +20,7 @@ from ngepc.model.problem import Problem
 from ngepc.pictures.cutting import Part, Plane, part_of
 from ngepc.pictures.sampling import Corners, corners_of
 from ngepc.pictures.stills import Angles, draw_solid, solid_image
-from ngepc.pictures.style import COLOURS, Picture, styled
+from ngepc.pictures.style import COLOURS, new_picture, styled
 
 PALE = 0.75  # part of white in the colours of bodies
 ROLES = ("traction", "pressure", "prescribed", "springs")
@@ -111,7 +111,7 @@ def draw_names(
 ) -> Figure:
     """A mesh with its names, as ``plot_mesh`` draws it."""
     mesh = drawn_mesh(source)
-    axes = Picture(figsize=(5.8, 4.2)).subplots() if axes is None else axes
+    axes = new_picture(figsize=(5.8, 4.2)).subplots() if axes is None else axes
     draw = _draw_plane if mesh.dim == 2 else _draw_solid
     drawn = draw(axes, UndeformedMesh(mesh), Part(body, None, cut), view)
     if mesh.dim == 2:

@@ -1,10 +1,14 @@
 """The style of all figures: style sheet, colours, and figures that notebooks display.
 
-No pyplot state is touched, so that figures work in notebooks, scripts and servers alike.
+Where a script has imported ``matplotlib.pyplot``, a new picture is its current figure, so that
+``plt.savefig``, ``plt.title`` and ``plt.show`` find it.  No other pyplot state is touched, so that
+figures work in notebooks, scripts and servers alike.
 """
 
 import base64
 import io
+import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -57,10 +61,29 @@ class Picture(Figure):
         return png(self)
 
 
+def new_picture(**options: object) -> Picture:
+    """A picture for the user: pyplot's current figure where the script has imported pyplot.
+
+    Not in threads, in which servers draw.  ``options`` are those of ``Figure``.
+    """
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is None or threading.current_thread() is not threading.main_thread():
+        return Picture(**options)
+    return pyplot.figure(FigureClass=Picture, **options)
+
+
+def put_away(figure: Figure) -> None:
+    """Take a picture that has been shown or written out of pyplot's list; it stays usable."""
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is not None and isinstance(figure, Picture):
+        pyplot.close(figure)
+
+
 def png(figure: Figure, dpi: float | str = "figure") -> bytes:
-    """A figure as the contents of a PNG file."""
+    """A figure as the contents of a PNG file, for pages and notebooks."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=dpi)
+    put_away(figure)
     return stream.getvalue()
 
 
@@ -81,6 +104,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
     """Write a figure in the format of its suffix (png, pdf, svg), making its folder."""
     stream = io.BytesIO()
     figure.savefig(stream, format=path.suffix[1:] or None)
+    put_away(figure)
     replace_contents(path, stream.getvalue())
     return path
 
@@ -100,7 +124,7 @@ def beside(
         require_function(f"panels[{number}]", panel, "axes")
     require_number("width", width, 0, strict=True)
     require_number("height", height, 0, strict=True)
-    figure = Picture(figsize=(width * len(panels), height), layout="compressed")
+    figure = new_picture(figsize=(width * len(panels), height), layout="compressed")
     for axes, draw in zip(
         figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
     ):

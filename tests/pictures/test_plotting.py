@@ -2,6 +2,8 @@
 
 import itertools
 import math
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from io import BytesIO
 
@@ -98,18 +100,32 @@ FIGURES = {
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_are_drawn_without_pyplot(name, request):
+def test_figures_are_those_of_pyplot_until_a_notebook_has_shown_them(name, request):
+    """So that plt.savefig, plt.title and plt.show find them, and notebooks show them once."""
     if "3D" in name:
         request.getfixturevalue("draws_solids")
     before, figure = plt.get_fignums(), FIGURES[name]()
     figure.set_dpi(60)
-    shown = figure._repr_png_()
-    assert shown.startswith(b"\x89PNG")
-    pixels = imread(BytesIO(shown))[..., :3]
-    ink = (pixels < 0.95).any(axis=2)
-    assert 0.01 < ink.mean() < 0.95
-    assert not ink[0].any()
-    assert not ink[:, 0].any(), "something is cut off at the left"
+    assert plt.gcf() is figure
+    saved = BytesIO()
+    plt.savefig(saved)
+    for written in (saved.getvalue(), figure._repr_png_()):
+        assert written.startswith(b"\x89PNG")
+        pixels = imread(BytesIO(written))[..., :3]
+        ink = (pixels < 0.95).any(axis=2)
+        assert 0.01 < ink.mean() < 0.95
+        assert not ink[0].any()
+        assert not ink[:, 0].any(), "something is cut off at the left"
+    assert plt.get_fignums() == before
+
+
+def test_without_pyplot_and_in_threads_figures_are_nobody_elses(monkeypatch):
+    before = plt.get_fignums()
+    with ThreadPoolExecutor(1) as pool:
+        threaded = pool.submit(FIGURES["counts"]).result()
+    monkeypatch.delitem(sys.modules, "matplotlib.pyplot")
+    for figure in (threaded, FIGURES["counts"]()):
+        assert figure._repr_png_().startswith(b"\x89PNG")
     assert plt.get_fignums() == before
 
 
