@@ -16,6 +16,7 @@ from ngepc.results.result import (
     SMALL_ROTATION,
     SMALL_STRAIN,
     at_plastic_points,
+    few_facets,
     large_motion,
     large_part,
     turning,
@@ -23,9 +24,9 @@ from ngepc.results.result import (
 
 
 def remarks(steps: Sequence[EvolutionStep]) -> str:
-    """Contact that never happens, data known from samples, strains that are not small.
+    """Contact that never happens or is on few facets, data from samples, strains not small.
 
-    Strains are those of the step with the largest displacement.
+    Strains are those of the step with the largest displacement, facets of the largest force.
     """
     if not steps:
         return ""
@@ -33,6 +34,9 @@ def remarks(steps: Sequence[EvolutionStep]) -> str:
     problem = steps[-1].fields.problem
     if problem.contact is not None and not any(s.record.contact_force for s in steps):
         found.append("Nothing touches the obstacle in any step.")
+    pressed = max((s.record for s in steps), key=lambda record: record.contact_force)
+    few = few_facets(pressed.contact_facets, pressed.contact_nodes)
+    found += [f"At time {pressed.time:g}: {few}"] if few else []
     notes = (order_note, what_is_unseen, unresolved_data, nearer_between_nodes)
     found += filter(None, (note(problem) for note in notes))
     maximum = problem.processes.maximum

@@ -55,6 +55,8 @@ class StepRecord:
     """Estimate of the relative time error up to this step, if an accuracy was given."""
     max_contact_pressure: float = 0.0  # largest at the nodes (stress), exact methods
     max_slip: float = 0.0  # largest in this step at the nodes (length), exact methods
+    contact_facets: int = 0  # facets all of whose vertices are pressed, exact methods
+    contact_nodes: int = 0  # nodes that are pressed, exact methods
 
     @classmethod
     def of(
@@ -89,13 +91,13 @@ class StepRecord:
             dissipation=points.integral(lost),
             max_plastic_strain=problem.processes.maximum(size),
             nodes=nodes_of(problem.mesh),
-            **largest_at_contact(result),
+            **numbers_of_contact(result),
             **known,
         )
 
 
-def largest_at_contact(result: Result) -> dict[str, float]:
-    """The largest contact pressure and slip of a step, where the solver has contact rows."""
+def numbers_of_contact(result: Result) -> dict[str, float]:
+    """Largest contact pressure and slip, and what is pressed, where there are contact rows."""
     if not isinstance(result, DiscreteSolution):
         return {}
     maximum = result.problem.processes.maximum
@@ -103,6 +105,8 @@ def largest_at_contact(result: Result) -> dict[str, float]:
     return {
         "max_contact_pressure": maximum(result.contact_pressure.vec.FV().NumPy()),
         "max_slip": maximum(slip),
+        "contact_facets": result.contact_facets,
+        "contact_nodes": result.contact_nodes,
     }
 
 
@@ -234,7 +238,7 @@ class Evolution(Ending):
     status, message
         CONVERGED if all steps were done, or NOT_UNIQUE; otherwise what stopped the run, and when.
         The message of a run that was not stopped says what is to be known of it: contact that never
-        happens, data known from samples, strains that are not small.
+        happens or is on few facets, data known from samples, strains that are not small.
     """
 
     problem: Problem

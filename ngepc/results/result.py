@@ -342,6 +342,11 @@ class DiscreteSolution(Result):
         return self.problem.processes.total(here)
 
     @property
+    def contact_nodes(self) -> int:
+        """Number of nodes with a contact force."""
+        return int(self.state.body.contact.sum_of(self.pressing > 0))
+
+    @property
     def undetermined_motions(self) -> int:
         """Number of rigid motions of floating parts that no contact force rules out, 0 mostly."""
         return self.state.body.floating.undetermined(self.state.contact)
@@ -358,7 +363,7 @@ class DiscreteSolution(Result):
         found = []
         processes = self.problem.processes
         rows = self.rows
-        touching = int(self.state.body.contact.sum_of(self.pressing > 0))
+        touching = self.contact_nodes
         places = rows.between(vertex_coordinates(self.problem.mesh)).tolist()
         gaps = np.where(rows.tied, np.inf, self.open_gap).tolist()
         gap, place = min(
@@ -374,13 +379,7 @@ class DiscreteSolution(Result):
         rotation = self.largest_rotation
         if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
             found.append(large_motion(strain, rotation, large_part(self.fields)))
-        if touching and self.contact_facets < FEW_FACETS:
-            whole = counted(self.contact_facets, "whole facet")
-            nodes = counted(touching, "node")
-            found.append(
-                f"Too few facets are in contact for accurate pressures ({whole}, {nodes}): "
-                "refine the contact boundary."
-            )
+        found += filter(None, [few_facets(self.contact_facets, touching)])
         if self.status.is_success and (loose := self.undetermined_motions):
             not_determined = "is not" if loose == 1 else "are not"
             found.append(
@@ -396,6 +395,17 @@ class DiscreteSolution(Result):
         notes = (order_note, what_is_unseen, unresolved_data, nearer_between_nodes)
         found += filter(None, (note(self.problem) for note in notes))
         return found
+
+
+def few_facets(facets: int, nodes: int) -> str:
+    """A remark on a contact of so many whole facets and nodes, "" where they are enough or none."""
+    if not nodes or facets >= FEW_FACETS:
+        return ""
+    return (
+        f"Too few facets are in contact ({counted(facets, 'whole facet')}, "
+        f"{counted(nodes, 'node')}): the pressures, and a contact force that balance alone does "
+        "not determine, may be far off. Refine the contact boundary."
+    )
 
 
 def turning(problem: Problem, u: GridFunction) -> float:

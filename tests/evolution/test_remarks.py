@@ -7,6 +7,7 @@ from ngsolve import sin, x
 from ngepc import Material, Problem, Schedule, evolve, load_cycle, semismooth_newton
 from ngepc.evolution.remarks import strain_and_rotation
 from ngepc.geometries import block
+from ngepc.results.result import few_facets
 
 METAL = Material.metal(
     young=1000.0, poisson=0.3, yield_stress=1.0, tangent_modulus=100.0
@@ -50,6 +51,24 @@ def test_contact_in_one_step_is_enough():
     steps = [(1.0, {"gap": -0.001}), (2.0, {"gap": 1.0})]
     history = evolve(problem, Schedule.listed(steps))
     assert "Nothing touches" not in history.message
+
+
+def test_contact_on_few_facets_is_said_of_the_largest_force():
+    """As in a result of that step; also where the contact is open at the end."""
+    problem = pulled(contact="contact", gap=0.0)
+    gaps = [x - 0.51, x - 0.52, 1.0]
+    steps = [(float(time), {"gap": gap}) for time, gap in enumerate(gaps, 1)]
+    history = evolve(problem, Schedule.listed(steps))
+    forces = history.column("contact_force")
+    assert forces[1] > forces[0] > forces[2] == 0
+    one = history.steps[1].solution
+    said = few_facets(one.contact_facets, one.contact_nodes)
+    assert said.startswith(f"Too few facets are in contact ({one.contact_facets} whole")
+    assert f"At time 2: {said}" in history.message
+
+
+def test_contact_on_four_facets_is_enough():
+    assert few_facets(4, 5) == few_facets(0, 0) == ""
 
 
 def test_data_known_from_samples_are_said():
