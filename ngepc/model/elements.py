@@ -99,6 +99,18 @@ def vertex_coordinates(mesh: Mesh) -> np.ndarray:
     return np.asarray(mesh.ngmesh.Coordinates())[: mesh.nv, : mesh.dim]
 
 
+def largest_slenderness(mesh: Mesh) -> float:
+    """How many times as long as thick the most slender element is, about 1 for a regular one."""
+    places = vertex_coordinates(mesh)
+    found = 1.0
+    for _, vertices in elements_by_shape(mesh):
+        corners = places[vertices]
+        centred = corners - corners.mean(axis=1, keepdims=True)
+        sizes = np.linalg.svd(centred, compute_uv=False)
+        found = max(found, float((sizes[:, 0] / sizes[:, -1]).max(initial=1.0)))
+    return found
+
+
 def determinants(matrices: np.ndarray) -> np.ndarray:
     """The determinants (n,) of matrices (n, N, N); for N = 2 without calls for each matrix."""
     if matrices.shape[1] != 2:

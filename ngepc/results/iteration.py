@@ -28,6 +28,7 @@ from ngepc.discretisation.contact_step import (
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.linesearch import nearly_flat
 from ngepc.linalg.secants import Compliance
+from ngepc.model.elements import largest_slenderness
 from ngepc.results.outcome import History, IterationRecord, Monitor, Status
 
 log = logging.getLogger(__name__)
@@ -51,6 +52,9 @@ NEAR = 1e-2
 
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
+
+SLENDER = 300.0
+"""Elements that are more times as long as thick are named as a cause of rounding errors."""
 
 
 class Target(Protocol):
@@ -330,19 +334,33 @@ def no_descent(here: Iterate) -> tuple[Status, str]:
     """Why no step length lowers the energy."""
     if here.residual_norm <= here.rounding:
         return Status.STAGNATED, limited_by_rounding(here, "The")
-    return Status.LINESEARCH_FAILED, (
-        f"No step length lowers the energy at the relative residual {here.residual_norm:.3g}; try "
-        "a smaller load step."
-    )
+    text = f"No step length lowers the energy at the relative residual {here.residual_norm:.3g}"
+    if slender := slender_elements(here):
+        return Status.LINESEARCH_FAILED, f"{text}. {slender}"
+    return Status.LINESEARCH_FAILED, f"{text}; try a smaller load step."
 
 
 def limited_by_rounding(here: Iterate, after: str) -> str:
     """The message for a tolerance below the rounding error of the residual."""
+    cause = slender_elements(here) or (
+        "The stress is a small difference of large strains, and the hardening is small compared "
+        "with the elastic moduli."
+    )
     return (
         f"{after} relative residual is {here.residual_norm:.3g}. Rounding errors leave about "
-        f"{here.rounding:.2g}: the stress is a small difference of large strains, and the "
-        "hardening is small compared with the elastic moduli. "
-        f"A tolerance above {1.1 * here.rounding:.2g} can be met."
+        f"{here.rounding:.2g}. {cause} A tolerance above {1.1 * here.rounding:.2g} can be met."
+    )
+
+
+def slender_elements(here: Iterate) -> str:
+    """A remark on elements in which rounding errors are large, "" without any."""
+    problem = here.body.problem
+    slender = problem.processes.maximum(np.array([largest_slenderness(problem.mesh)]))
+    if slender < SLENDER:
+        return ""
+    return (
+        f"Elements are up to {slender:.2g} times as long as thick, and rounding errors grow with "
+        "the square of that: mesh the body with elements of better shape."
     )
 
 

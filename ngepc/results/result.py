@@ -34,6 +34,9 @@ from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.fields import Fields, Quantities, frobenius
 from ngepc.results.outcome import Ending, History, Status
 
+UNBALANCED = 1e-3
+"""Loads and reactions that differ by a larger part of the loads are said."""
+
 FEW_FACETS = 4
 """Fewer facets in contact do not resolve a contact zone."""
 
@@ -360,7 +363,7 @@ class DiscreteSolution(Result):
         return " ".join(filter(None, texts))
 
     def _observations(self) -> list[str]:
-        found = []
+        found = list(filter(None, [self._lack_of_balance()]))
         processes = self.problem.processes
         rows = self.rows
         touching = self.contact_nodes
@@ -395,6 +398,23 @@ class DiscreteSolution(Result):
         notes = (order_note, what_is_unseen, unresolved_data, nearer_between_nodes)
         found += filter(None, (note(self.problem) for note in notes))
         return found
+
+    def _lack_of_balance(self) -> str:
+        """A remark on loads that the supports do not balance though the residual is small."""
+        if not self.status.is_solution or self.status is Status.BOUNDED:
+            return ""
+        balance = self.equilibrium
+        given = np.abs(balance.applied) + np.abs(balance.contact)
+        loads = float(np.linalg.norm(balance.resultant(given)))
+        size = max([loads, *map(np.linalg.norm, balance.reactions.values())])
+        left = float(np.linalg.norm(balance.resultant(balance.free_residual)))
+        if not loads or left <= UNBALANCED * size:
+            return ""
+        return (
+            f"Loads and reactions are out of balance by {in_percent(left / size)}, and "
+            "displacements may be off by more: rounding errors of slender bodies or elements, or "
+            "a large tolerance."
+        )
 
 
 def few_facets(facets: int, nodes: int) -> str:

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ngsolve import CF, y
+from netgen.occ import OCCGeometry, WorkPlane
+from ngsolve import CF, Mesh, y
 from solved import lshape_primal
 from teams import Jacobi
 
 from ngepc import Material, NewtonOptions, Problem, Status, semismooth_newton
 from ngepc.geometries import block
+from ngepc.model.elements import largest_slenderness
 from ngepc.results.checkpoint import problem_fingerprint
 from ngepc.results.records import FIELDS, checked, provenance, solve_record
 from ngepc.results.stored import array_of, value_of
@@ -131,6 +133,41 @@ def test_the_worst_remark_comes_first():
     message = semismooth_newton(problem).message
     assert message.startswith("Strains reach ")
     assert "whole facets, 3 nodes)" in message
+
+
+def bent(length):
+    """A bar of thickness 0.1, two cells each way, under a load with the same slopes."""
+    mesh = block.structured_mesh(2, 2, size=(length, 0.1), simplices=True)
+    load = {"contact": (0.0, -1e-8 / length**3)}
+    result = semismooth_newton(Problem(mesh, METAL, "left", load, order=2))
+    return result, result.displacement(mesh(length, 0.05))[1] / length
+
+
+@pytest.mark.parametrize(("length", "wrong"), [(30.0, False), (3000.0, True)])
+def test_where_rounding_changes_a_deflection_the_message_says_so(length, wrong):
+    """The slope of a slender beam is that of any other one; here the residual is small, too."""
+    (_, known), (result, slope) = bent(10.0), bent(length)
+    assert result.status is Status.CONVERGED
+    assert (abs(slope / known - 1) > 0.1) is wrong
+    assert ("Loads and reactions are out of balance" in result.message) is wrong
+
+
+def test_slender_elements_are_named_where_they_stop_the_solver():
+    result, _ = bent(1e4)
+    assert not result.status.is_success
+    assert "Elements are up to 1.2e+05 times as long as thick" in result.message
+
+
+@pytest.mark.parametrize("N", [2, 3])
+def test_slenderness_of_elements(N):
+    """Of cubes and of bricks that are stretched; of a regular triangle."""
+    size = (1.0, 2.0, 7.0)[:N]
+    assert largest_slenderness(block.structured_mesh(*[2] * N)) == pytest.approx(1)
+    bricks = block.structured_mesh(*[2] * N, size=size)
+    assert largest_slenderness(bricks) == pytest.approx(size[-1])
+    triangle = WorkPlane().MoveTo(0, 0).LineTo(1, 0).LineTo(0.5, 0.75**0.5).Close()
+    regular = OCCGeometry(triangle.Face(), dim=2).GenerateMesh(maxh=2)
+    assert largest_slenderness(Mesh(regular)) == pytest.approx(1)
 
 
 @pytest.mark.parametrize(
