@@ -378,6 +378,9 @@ class DiscreteSolution(Result):
                 f"Nothing touches the obstacle: the smallest gap left is {gap:.3g}"
                 f" at {tuple(float(f'{c:.4g}') for c in place)}."
             )
+        size = processes.maximum(np.abs(self.state.u))
+        if solved and not size and not touching:
+            found.append("Nothing loads or moves the body: its displacements are zero.")
         strain = self.largest_strain
         rotation = self.largest_rotation
         if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
@@ -389,7 +392,6 @@ class DiscreteSolution(Result):
                 f"{counted(loose, 'rigid motion')} of a part held by contact alone "
                 f"{not_determined} determined: its position is not unique, its stresses are."
             )
-        size = processes.maximum(np.abs(self.state.u))
         if self._hidden_overlap > DEEP * size:
             found.append(
                 f"Between nodes the body overlaps an obstacle by up to {self._hidden_overlap:.3g}: "

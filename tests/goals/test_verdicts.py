@@ -270,6 +270,29 @@ def test_confidence_in_a_step_whose_hardening_falls_below_zero_between_points():
     assert "Estimate by one refinement, not guaranteed" in line
 
 
+@pytest.mark.parametrize("simplices", [False, True])
+def test_confidence_in_a_body_that_expands_freely(simplices):
+    """Its energy is a rounding error, which is no error of 100 percent."""
+    mesh = block.structured_mesh(4, 4, simplices=simplices)
+    metal = Material.metal(young=1e3, poisson=0.3, yield_stress=5, tangent_modulus=50)
+    free = {"left": (0, None), "clamped": (None, 0)}
+    heated = Problem(
+        mesh,
+        metal,
+        None,
+        prescribed=free,
+        initial_strain=1e-3,
+        kinematics="plane stress",
+    )
+    start = "Guaranteed: " if simplices else "Estimate by one refinement"
+    line = confidence(semismooth_newton(heated))
+    assert line.startswith(start)
+    assert "the body is free of stress, up to rounding errors." in line
+    line = confidence(semismooth_newton(replace(heated, clamped="right")))
+    assert line.startswith(start)
+    assert "free of stress" not in line
+
+
 @pytest.mark.parametrize("friction", [None, Coulomb(0.3)])
 def test_travel_before_contact_does_not_make_a_result_better(friction):
     """The work of the loads on a travel of 100 widths is 60,000 times the strain energy."""

@@ -24,6 +24,7 @@ SEVERAL = {
     "FEW": "a constant",
     "FORCE": "a constant",
     "MOST_ROWS": "a constant",
+    "slender": "300 at least",
     "name": "no number",
 }
 """What stands before a plural in messages, and why it is not one."""

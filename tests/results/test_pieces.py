@@ -135,6 +135,14 @@ def test_the_worst_remark_comes_first():
     assert "whole facets, 3 nodes)" in message
 
 
+def test_a_body_without_loads_says_so():
+    mesh = block.structured_mesh(2, 2)
+    idle = semismooth_newton(Problem(mesh, METAL)).message
+    assert idle == "Nothing loads or moves the body: its displacements are zero."
+    pulled = Problem(mesh, METAL, traction={"right": (1e-12, 0.0)})
+    assert semismooth_newton(pulled).message == ""
+
+
 def bent(length):
     """A bar of thickness 0.1, two cells each way, under a load with the same slopes."""
     mesh = block.structured_mesh(2, 2, size=(length, 0.1), simplices=True)
