@@ -111,8 +111,8 @@ def coupling(problem: Problem, y: tuple[CF, CF], v: tuple[CF, CF]) -> SumOfInteg
 class ContactPenalty:
     """M^1 and its derivatives: mu = [gamma z]^+ of (OC2_gamma), and Lemma 6.2.
 
-    ``density`` is that of M^1, ``gradient`` mu, ``curvature`` its Newton derivative gamma on the
-    set Z_gamma = {z > 0}, zero elsewhere; ``pressed`` is 1 where z < 0.
+    ``density`` is that of M^1, ``gradient`` mu, ``curvature`` its Newton derivative gamma
+    on the set Z_gamma = {z > 0}, zero elsewhere; ``pressed`` is 1 where z < 0.
     """
 
     def __init__(self, z: CF, gamma: float) -> None:
@@ -124,11 +124,11 @@ class ContactPenalty:
 
 
 class RadialLaw:
-    """([s]^+)^2 / 2 with s = |q| - beta, beta > 0, and its derivatives: M^2, Lemma 6.3, (6.1).
+    """([s]^+)^2 / 2, s = |q| - beta, beta > 0, and its derivatives: M^2, Lemma 6.3, (6.1).
 
-    ``density`` is that of M^2 without gamma, ``gradient`` rho q = [s]^+ q / |q|, ``curvature`` the
-    Newton derivative rho I + (1 - rho) q q' / |q|^2 on the set Q_gamma = {|q| > beta}, zero
-    elsewhere; ``inside`` is 1 on it.  NaN where the data are NaN.
+    ``density`` is that of M^2 without gamma, ``gradient`` rho q = [s]^+ q / |q|,
+    ``curvature`` the Newton derivative rho I + (1 - rho) q q' / |q|^2 on the set
+    Q_gamma = {|q| > beta}, zero elsewhere; ``inside`` is 1 on it.  NaN where the data are.
     """
 
     def __init__(self, q: CF, beta: CF | float) -> None:

@@ -36,15 +36,19 @@ class Answers:
         self.errors: dict[str, Exception] = {}
 
     def __call__(self, question: str, test: Callable[[], object]) -> None:
-        """Write 'right', 'not yet' or 'fill in' and the question; ``test`` takes nothing."""
+        """Write 'right', 'not yet' or 'fill in' and the question; ``test`` takes nothing.
+
+        Behind 'fill in' stands what the test raised, of a missing answer or of a mistake in it.
+        """
         require_function("test", test, "nothing")
         self.errors.pop(question, None)
         try:
             self.done[question] = bool(test())
-            word = "right:  " if self.done[question] else "not yet:"
+            line = f"{'right:  ' if self.done[question] else 'not yet:'} {question}"
         except Exception as error:  # unfinished answers may raise any exception
-            self.done[question], self.errors[question], word = False, error, "fill in:"
-        sys.stdout.write(f"{word} {question}\n")
+            self.done[question], self.errors[question] = False, error
+            line = f"fill in: {question} ({type(error).__name__}: {error})"
+        sys.stdout.write(line + "\n")
 
 
 class Quiz(tuple):

@@ -162,6 +162,21 @@ def test_what_is_not_run_is_rare():
     assert sum(bool(not_run) for not_run, _ in every) <= 2  # MPI; JAX and PyTorch
 
 
+FENCED = re.compile(r"^```[^\n`]*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+def test_code_fits_the_page():
+    """Pages of the site are 88 characters of code wide where the window is narrow."""
+    lines = [
+        (name(path), line)
+        for path in PAGES
+        for block in FENCED.findall(path.read_text(encoding="utf-8"))
+        for line in block.split("\n")
+    ]
+    assert len(lines) > 1000
+    assert [(page, line) for page, line in lines if len(line) > 88] == []
+
+
 TARGET = re.compile(r"\]\(([^)#\s]+?)(?:#[^)]*)?\)")
 
 
@@ -265,6 +280,29 @@ def test_links_of_the_site_lead_somewhere(site, pages):
             ):
                 broken.append(f"{path}: {link}")
     assert not broken
+
+
+NO_TEXT = re.compile(
+    r"<(script|style|pre|iframe|code)\b.*?</\1>|<(span|div) class=\"math[^>]*>.*?</\2>"
+    r"|\\\[\\begin.*?\\\]|<[^>]*>",
+    re.DOTALL,
+)
+"""Scripts, code, formulas that are drawn, and tags."""
+
+
+def test_no_formula_or_markup_is_left_as_source(site, pages):
+    left = []
+    for path in pages:
+        if path.parts[0] in ("results", "api") or path.stem == "techniques":
+            continue  # numbers of programs and docstrings, which are plain text
+        page = (site / path).read_text(encoding="utf-8")
+        text = NO_TEXT.sub(" ", re.search(r"<article.*?</article>", page, re.S)[0])
+        left += [
+            f"{path}: {line.strip()}"
+            for line in text.split("\n")
+            if re.search(r"\\[a-zA-Z]|\$|\*\*|\]\(|\w\^[\w{(*]", line)
+        ]
+    assert left == []
 
 
 def test_links_to_other_sites_are_well_formed(pages):

@@ -35,6 +35,14 @@ def test_the_gallery_has_the_problems_it_promises():
     }
 
 
+def test_scripts_are_as_short_as_the_page_says():
+    page = (GALLERY.parent / "gallery.md").read_text(encoding="utf-8")
+    assert "a script of less than a hundred lines" in page
+    for name in SCRIPTS:
+        lines = (GALLERY / f"{name}.py").read_text(encoding="utf-8").splitlines()
+        assert len(lines) < 100, name
+
+
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_script_checks_itself(name, script, tmp_path, request):
     if name == "indentation":

@@ -262,6 +262,27 @@ def test_exercises_have_hints_and_the_solutions_ask_the_same(path):
     )
 
 
+@pytest.mark.parametrize("path", SESSIONS, ids=name)
+def test_an_exercise_imports_what_its_solution_needs(path):
+    solution = FOLDER / "solutions" / path.name
+    assert code_cells(path)[0].source == code_cells(solution)[0].source
+
+
+def test_the_exact_method_has_forty_lines():
+    """Which its title promises, and its text."""
+    path = FOLDER / "10_exact_method.ipynb"
+    (newton,) = (
+        node
+        for cell in code_cells(path)
+        for node in ast.parse(cell.source).body
+        if isinstance(node, ast.FunctionDef) and node.name == "newton"
+    )
+    assert 35 < newton.end_lineno - newton.lineno + 1 <= 40
+    text = "\n".join(cell.source for cell in read(path).cells)
+    assert text.count("forty lines") == 4
+    assert "thirty" not in text
+
+
 def test_all_imports_stand_in_the_first_cell():
     imports = (ast.Import, ast.ImportFrom)
     for path in NOTEBOOKS:
@@ -288,9 +309,11 @@ def test_unfinished_answers_are_told_from_wrong_ones(capsys):
     check("missing", lambda: {}[100.0])
     check("wrong", lambda: 1 > 2)
     check("fine", lambda: 2 > 1)
-    assert (
-        capsys.readouterr().out == "fill in: missing\nnot yet: wrong\nright:   fine\n"
-    )
+    assert capsys.readouterr().out.splitlines() == [
+        "fill in: missing (KeyError: 100.0)",
+        "not yet: wrong",
+        "right:   fine",
+    ]
     assert check.done == {"missing": False, "wrong": False, "fine": True}
     assert list(check.errors) == ["missing"]
     check("missing", lambda: True)
