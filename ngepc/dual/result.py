@@ -165,6 +165,6 @@ class DualResult(Result):
 
     @property
     def contact_force(self) -> float:
-        """Resultant of the normal contact pressure, positive in compression (force)."""
+        """Integral of the contact pressure, positive in compression (force)."""
         on_contact = ds(definedon=self.functional.blocks.contact)
         return Integrate(self.contact_pressure * on_contact, self.problem.mesh)

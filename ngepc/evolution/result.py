@@ -37,7 +37,7 @@ class StepRecord:
     cuts: int  # how often the interval was halved to get here
     iterations: int  # Newton steps
     contact_force: float
-    """Resultant of the normal contact pressure, positive in compression."""
+    """Integral of the contact pressure, positive in compression."""
     contact_resultant: list[float]  # of the obstacles on the body, with friction
     reaction: list[float]  # of all supports on the body
     reactions: dict[str, list[float]]

@@ -82,7 +82,7 @@ class Bracket:
 
 @one_blas_thread
 def contact_force_bracket(result: ExactResult) -> Bracket:
-    """Bounds of the resultant of the normal contact pressure (force).
+    """Bounds of the integral of the contact pressure (force).
 
     Parameters
     ----------

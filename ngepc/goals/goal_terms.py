@@ -50,7 +50,7 @@ MEETING = (
 
 @dataclass(frozen=True)
 class ContactForceOn(Declared):
-    """The resultant of the normal contact pressure on some contact boundaries (force).
+    """The integral of the contact pressure on some contact boundaries (force).
 
     Parameters
     ----------

@@ -19,9 +19,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ngepc._deprecated import renamed
-from ngepc.checks.arguments import require_vector
+from ngepc.checks.arguments import boundary_names, require_vector
 from ngepc.discretisation.loads import shares_of_supports
-from ngepc.model.elements import vertex_coordinates
+from ngepc.model.elements import corner_vertices, vertex_coordinates
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem
 
@@ -82,13 +82,23 @@ class Equilibrium:
             each[place] = each.get(place, 0.0) + forces
         return {place: self.resultant(forces) for place, forces in each.items()}
 
-    def resultant(self, forces: np.ndarray) -> np.ndarray:
-        """The sum of nodal forces over the body, N components (force).
+    def resultant(
+        self, forces: np.ndarray, boundaries: str | Sequence[str] | None = None
+    ) -> np.ndarray:
+        """The sum of nodal forces over the mesh, N components (force).
 
         Translations have coefficients at the vertices alone, for order two as well.
+        ``boundaries`` are names, 'a', 'a|b' or a sequence: the sum over their vertices alone.  That
+        of ``contact`` over one side of a contact of two bodies is the force on that body.
         """
-        own = forces[:, : self.problem.mesh.nv].T[self.problem.processes.own]
-        return self.problem.processes.total(own.sum(axis=0))
+        problem = self.problem
+        forces = forces[:, : problem.mesh.nv].T
+        if boundaries is not None:
+            names = boundary_names("boundaries", boundaries, problem.mesh)
+            there = np.zeros((problem.mesh.nv, 1), bool)
+            there[corner_vertices(problem.mesh, names)] = True
+            forces = np.where(there, forces, 0.0)
+        return problem.processes.total(forces[problem.processes.own].sum(axis=0))
 
     def moment(
         self, forces: np.ndarray, about: Sequence[float] | None = None

@@ -272,7 +272,7 @@ class DiscreteSolution(Result):
 
     @property
     def contact_force(self) -> float:
-        """Resultant of the normal contact pressure, positive in compression (force)."""
+        """Integral of the contact pressure, positive in compression (force)."""
         return float(self.state.body.contact.sum_of(self.pressing))
 
     @cached_property

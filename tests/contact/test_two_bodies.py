@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from netgen.occ import Box, Compound, MoveTo, OCCGeometry, Rectangle, WorkPlane, X, Y, Z
-from ngsolve import CF, Mesh
+from ngsolve import CF, Integrate, Mesh
 
 from ngepc import (
     Contact,
@@ -123,6 +123,37 @@ def test_thickness_multiplies_areas_and_forces_but_not_pressures(order, friction
     for density in ("contact_pressure", "friction_stress"):
         found, known = (getattr(r, density).vec.FV().NumPy() for r in (thick, one))
         assert found == pytest.approx(known, rel=1e-8, abs=1e-8 * SQUEEZE * E)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_force_on_one_of_two_bodies(order):
+    """A pin in a hole: its load, while the pressure has a larger integral, and the sum is zero."""
+    plate = Rectangle(8, 6).Face() - WorkPlane().Circle(4, 3, 1.01).Face()
+    plate.edges.name = "hole"
+    pin = WorkPlane().Circle(4, 3, 1).Face()
+    pin.edges.name, pin.faces.name = "pin", "steel"
+    plate.edges.Min(Y).name = plate.edges.Max(Y).name = "free"
+    plate.edges.Max(X).name, plate.edges.Min(X).name = "free", "held"
+    mesh = Mesh(OCCGeometry(Compound([plate, pin]), dim=2).GenerateMesh(maxh=0.4))
+    load = mesh.MaterialCF({"steel": 10.0}, default=0.0)
+    problem = Problem(
+        mesh,
+        ELASTIC,
+        "held",
+        body_force=load * CF((1, 0)),
+        contact=Contact("pin", "hole"),
+        order=order,
+    )
+    result = solved(problem.changed(friction=Coulomb(0.1)))
+    balance = result.equilibrium
+    pulled = Integrate(load, mesh)
+    on_pin = balance.resultant(balance.contact, "pin")
+    assert on_pin == pytest.approx([-pulled, 0.0], abs=1e-8 * pulled)
+    assert balance.resultant(balance.contact, ["hole"]) == pytest.approx(-on_pin)
+    assert result.contact_resultant == pytest.approx([0, 0], abs=1e-9 * pulled)
+    assert result.contact_force > 1.01 * pulled
+    with pytest.raises(ValueError, match="boundaries='bolt': there is no boundary"):
+        balance.resultant(balance.contact, "bolt")
 
 
 def on_top(traction, friction, pair=("above", "below")):
