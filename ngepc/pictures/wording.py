@@ -59,6 +59,8 @@ SMALLEST = 1e-4
 """Smaller numbers are written with a power of ten."""
 LARGEST = 1e7
 """Numbers from here on are written with a power of ten."""
+ALIKE = 1e-6
+"""Vectors that differ by less, relative to the largest, are written as one."""
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -133,6 +135,19 @@ def row(quantity: str, value: object) -> dict[str, object]:
 def amount(value: object, unit: str) -> str:
     """A number, or the remark that it varies in space."""
     return number(value, unit) if is_number(value) else "varies in space"
+
+
+def vector(values: np.ndarray, unit: str = "") -> str:
+    """The components of vectors (n, N) that are all alike, otherwise their sizes."""
+    sizes = np.linalg.norm(values, axis=1)
+    low = sizes.min()
+    high = sizes.max()
+    if np.abs(values - values[0]).max() <= ALIKE * high:
+        components = np.where(np.abs(values[0]) > ALIKE * high, values[0], 0.0)
+        return f"({', '.join(map(number, components.tolist()))}){unit}"
+    if high - low <= ALIKE * high:
+        return f"of size {number(high, unit)}"
+    return f"of size between {number(low, unit)} and {number(high, unit)}"
 
 
 def describe_problem(problem: Problem, units: UnitNames = PLAIN) -> Rows:
@@ -258,18 +273,13 @@ def _loads(problem: Problem, units: UnitNames) -> Rows:
         known = (
             problem.loads[place] if isinstance(value, CoefficientFunction) else value
         )
-        sizes = np.linalg.norm(values_at(known, problem.mesh, place)[1], axis=1)
+        values = values_at(known, problem.mesh, place)[1]
         kind = "traction" if isinstance(place, str) else "force"
         unit = stress if isinstance(place, str) else ""
-        low = sizes.min()
-        high = sizes.max()
-        size = number(high, unit)
-        if high - low > 1e-6 * high:
-            size = f"between {number(low, unit)} and {number(high, unit)}"
-        rows.append(row(f"load on {place!r}", f"{kind} of size {size}"))
+        rows.append(row(f"load on {place!r}", f"{kind} {vector(values, unit)}"))
     if problem.f is not None:
-        size = np.linalg.norm(sample(problem.f, problem.mesh), axis=1).max()
-        rows.append(row("load in the body", f"body force up to {number(size)}"))
+        values = sample(problem.f, problem.mesh)
+        rows.append(row("load in the body", f"body force {vector(values)}"))
     history = ("initial_plastic_strain", "initial_hardening", "initial_strain")
     for name in history:
         if getattr(problem, name) is not None:

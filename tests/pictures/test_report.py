@@ -32,6 +32,7 @@ from ngepc.pictures.wording import (
     force_unit,
     number,
     units_of,
+    vector,
 )
 
 ROWS = [
@@ -121,9 +122,18 @@ def test_a_problem_is_described_by_all_it_is_given():
     assert said["contact of 'right'"] == "rigid obstacle, gap varies in space"
     assert said["support 'clamped'"] == "u_x = 0"
     assert said["support 'left'"] == "u_x = 0, u_y = 0"
-    assert said["load in the body"] == "body force up to 1"
+    assert said["load in the body"] == "body force (0, −1)"
     assert said["load on 'contact'"] == "pressure 1"
     assert said["friction"] == "Coulomb's law, coefficient 0.3"
+
+
+def test_loads_are_described_by_their_components_where_these_are_constant():
+    values = np.array([[0.0, -1.5], [1e-9, -1.5]])
+    assert vector(values, " MPa") == "(0, −1.5) MPa"
+    turned = np.array([[0.0, 2.0], [2.0, 0.0]])
+    assert vector(turned, " MPa") == "of size 2 MPa"
+    assert vector(turned * [1, 3]) == "of size between 2 and 6"
+    assert vector(0 * turned) == "(0, 0)"
 
 
 def test_a_material_is_described_as_it_was_given():
