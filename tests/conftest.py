@@ -13,6 +13,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from matplotlib.axis import Axis
 from netgen.csg import CSGeometry
 from netgen.meshing import SetMessageImportance
 from netgen.occ import OCCGeometry
@@ -206,7 +207,8 @@ def no_open_figures():
 
 @pytest.fixture
 def quickly_drawn(monkeypatch):
-    """Coarse pictures without layout, for tests of what is around them."""
+    """Coarse pictures without layout and ticks, for tests of what is around them."""
+    monkeypatch.setattr(Axis, "draw", lambda axis, renderer: None)
     monkeypatch.setitem(RC, "figure.constrained_layout.use", False)
     monkeypatch.setitem(RC, "savefig.dpi", 40)
 

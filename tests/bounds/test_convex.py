@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from campaigns.crossings import finer
 from ngsolve import CF, x
+from pairs import in_turn
 
 from ngepc import (
     Hill,
@@ -39,8 +40,9 @@ def square(n, material, order=1, **data):
     return Problem(mesh, material, traction=load, order=order, **data)
 
 
-@pytest.mark.parametrize("law", SAME)
-@pytest.mark.parametrize("kinematics", ["plane strain", "plane stress"])
+@pytest.mark.parametrize(
+    ("law", "kinematics"), in_turn(SAME, ["plane strain", "plane stress"])
+)
 def test_the_bound_is_that_of_von_mises_where_the_law_is(law, kinematics):
     one, two = (
         error_bound(semismooth_newton(square(4, material, kinematics=kinematics)))
@@ -122,7 +124,7 @@ def random_data(seed):
     return material, size, data
 
 
-@pytest.mark.parametrize("seed", range(6, 12))
+@pytest.mark.parametrize("seed", range(6, 10))
 def test_no_energy_crosses_the_bound(seed):
     material, size, data = random_data(seed)
     results = []
@@ -167,7 +169,7 @@ def test_an_error_is_reached_on_adaptive_meshes():
     assert solved.bound.relative <= 0.1
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_no_energy_of_order_two_crosses_the_bound(seed):
     material, size, data = random_data(seed)
     data["order"] = 2

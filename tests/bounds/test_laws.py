@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from ngsolve import CF, ET, IntegrationRule, x
+from pairs import in_turn
 
 from ngepc import (
     Material,
@@ -131,8 +132,9 @@ def test_a_stress_that_no_hardening_carries_is_told():
     assert error_bound(result).total == np.inf
 
 
-@pytest.mark.parametrize("kinematics", ["plane strain", "two-dimensional"])
-@pytest.mark.parametrize("law", [None, "Swift"])
+@pytest.mark.parametrize(
+    ("kinematics", "law"), in_turn(["plane strain", "two-dimensional"], [None, "Swift"])
+)
 def test_initial_strains(kinematics, law):
     """A body that may swell freely has no stress: the bound sees no error; held, it is no less."""
     given = LAWS["Swift"]

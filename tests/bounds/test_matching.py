@@ -10,6 +10,7 @@ from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
 from netgen.occ import Compound, MoveTo, OCCGeometry, Rectangle
 from ngsolve import Mesh
+from pairs import in_turn
 from stacked import (
     ELASTIC,
     LEFT,
@@ -146,8 +147,7 @@ def test_meshes_that_match_need_no_copy(order):
     assert bound.algebraic < 1e-9 * bound.total
 
 
-@pytest.mark.parametrize("shift", [1e-1, 1e-2, 1e-4])
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("shift", "order"), in_turn([1e-1, 1e-2, 1e-4], [1, 2]))
 def test_nodes_close_to_each_other(shift, order):
     """Flat elements make the bound less sharp, most of all at the corners of the square."""
     least = error_bound(semismooth_newton(pressed(order, mesh=grids(0.0))))

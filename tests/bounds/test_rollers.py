@@ -309,13 +309,12 @@ def test_supports_of_nodes_are_exact():
     assert (basis.T @ basis - np.eye(basis.shape[1])).max() < 1e-14
 
 
-@pytest.mark.parametrize("order", [1, 2])
-def test_hexahedra(order):
+def test_hexahedra():
     bounds = []
     for turn in (np.eye(3), turned_in_space()):
         mesh = moved_by(turn, tapered(2))
         load = {"right": tuple(turn @ [1.5, 0.3, 0.2])}
-        problem = Problem(mesh, STEEL, None, load, prescribed=LYING, order=order)
+        problem = Problem(mesh, STEEL, None, load, prescribed=LYING, order=1)
         bounds.append(error_bound(solved(problem)))
     here, there = bounds
     assert there.total == pytest.approx(here.total, rel=0.02)

@@ -319,7 +319,7 @@ def test_examples_of_help_pages_are_legal_and_each_command_has_one():
     [
         ["--nodes", "417", "--method", "primal"],
         ["--nodes", "417"],
-        ["--nodes", "113", "--gamma", "1e3", "--start", "coarse"],
+        ["--nodes", "65", "--gamma", "1e3", "--start", "coarse"],
     ],
 )
 def test_methods_agree_on_the_primal_energy(choice, capsys):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from ngsolve import IfPos, Integrate, x, y
+from pairs import in_turn
 
 from ngepc import Material, Problem, primal_newton, semismooth_newton
 from ngepc.geometries import block, ring
@@ -35,8 +36,7 @@ def solved(problem):
     return result
 
 
-@pytest.mark.parametrize("body", BODIES)
-@pytest.mark.parametrize("friction", [None, 0.3])
+@pytest.mark.parametrize(("body", "friction"), in_turn(BODIES, [None, 0.3]))
 def test_a_quadratic_gap_is_nowhere_violated(body, friction):
     mesh = BODIES[body](3)
     side = 0.3 * (y - 0.6) ** 2 if mesh.dim == 3 else 0.0
@@ -134,8 +134,7 @@ def test_pressures_of_rows_make_the_resultant():
     assert result.contact_resultant[2] == pytest.approx(-result.contact_force)
 
 
-@pytest.mark.parametrize("body", BODIES)
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("body", "order"), in_turn(BODIES, [1, 2]))
 def test_pressures_beside_clamps_integrate_to_the_force(body, order):
     """Rows at the edge of a clamp are held, but their area belongs to the boundary."""
     mesh = BODIES[body](3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from netgen.occ import Box, Compound, MoveTo, OCCGeometry, Rectangle, WorkPlane, X, Y, Z
 from ngsolve import CF, Integrate, Mesh
+from pairs import in_turn
 
 from ngepc import (
     Contact,
@@ -185,8 +186,9 @@ SHEARED = {
 """Traction on the unit square, friction, and whether the square stays where it is."""
 
 
-@pytest.mark.parametrize("name", SHEARED)
-@pytest.mark.parametrize("solver", [semismooth_newton, primal_newton])
+@pytest.mark.parametrize(
+    ("name", "solver"), in_turn(SHEARED, [semismooth_newton, primal_newton])
+)
 def test_contact_alone_holds_what_it_can(name, solver):
     traction, friction, stays = SHEARED[name]
     result = solver(on_top(traction, friction))
@@ -201,8 +203,10 @@ def test_contact_alone_holds_what_it_can(name, solver):
     assert ("not determined" in result.message) == (not friction)
 
 
-@pytest.mark.parametrize("widths", [(0.5, 0.3), (0.3, 0.5)])
-@pytest.mark.parametrize("friction", [None, 0.3, Coulomb(0.05), Coulomb(0.6)])
+@pytest.mark.parametrize(
+    ("friction", "widths"),
+    in_turn([None, 0.3, Coulomb(0.05), Coulomb(0.6)], [(0.5, 0.3), (0.3, 0.5)]),
+)
 def test_a_square_on_a_wider_block_spreads(widths, friction):
     """Its rows slip apart from the middle, whose place friction alone decides, if at all."""
     lower, upper = Rectangle(2, 1).Face(), MoveTo(0.5, 1).Rectangle(1, 1).Face()

@@ -136,8 +136,9 @@ GOALS = {
 }
 
 
-@pytest.mark.parametrize(("order", "pair"), [(1, PAIR), (2, TURNED)])
-@pytest.mark.parametrize("made", GOALS)
+@pytest.mark.parametrize(
+    ("made", "order", "pair"), zip(GOALS, (1, 2), (PAIR, TURNED), strict=True)
+)
 def test_fine_values_lie_inside(order, made, pair):
     problem = made(order, pair)
     goal_problem = GoalProblem(semismooth_newton(problem))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from campaigns.receipts import Judge, bernstein, falsifies, opened, passes, tampered
 from ngsolve import IfPos, x, y
+from pairs import in_turn
 
 from ngepc import (
     Material,
@@ -78,8 +79,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("name", list(CASES))
+@pytest.mark.parametrize(("order", "name"), in_turn([1, 2], list(CASES)))
 def test_a_receipt_shows_what_the_bound_says(name, order, tmp_path):
     """The checker knows no element and no tangent, and comes to the same interval."""
     result = semismooth_newton(CASES[name](order))
@@ -152,10 +152,10 @@ GOALS = {
 NAMED = [(name, goal) for name, goals in GOALS.items() for goal in goals]
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize(("name", "goal"), NAMED)
-def test_a_receipt_of_a_goal_shows_its_interval(name, goal, order, tmp_path):
+@pytest.mark.parametrize(("named", "order"), in_turn(NAMED, [1, 2]))
+def test_a_receipt_of_a_goal_shows_its_interval(named, order, tmp_path):
     """The checker has another supremum and other bounds of its integral, and no tangent."""
+    name, goal = named
     path = tmp_path / "receipt.npz"
     found = goal_bound(semismooth_newton(CASES[name](order)), goal)
     lower, upper = write_receipt(found, path)
@@ -379,8 +379,7 @@ def test_means_of_suprema_are_bounded(k, tangent):
     assert (bound >= best * (1 - 1e-3)).all()
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(("order", "size"), in_turn([1, 2], [0.1, 1.0, 10.0]))
 def test_densities_are_bounded(size, order, tmp_path):
     """Of random stresses and displacements, by the law of the step at many points."""
     path = tmp_path / "receipt.npz"
@@ -431,9 +430,9 @@ def test_no_change_that_falsifies_an_interval_of_a_goal_passes(order, tmp_path):
     path = tmp_path / "receipt.npz"
     found = goal_bound(semismooth_newton(CASES["pressed"](order)), "contact_force")
     write_receipt(found, path)
-    found = tampered(path, np.random.default_rng(order), 25)
+    found = tampered(path, np.random.default_rng(order), 12)
     wrong = [row for row in found if row[1]]
-    assert len(wrong) == 25
+    assert len(wrong) == 12
     assert [what for what, _, passed in wrong if passed] == []
 
 

@@ -160,8 +160,9 @@ def solved(problem):
 PULLED = LoadWork({"right": (1.0, 0.0)})
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("kinematics", ["plane strain", "plane stress"])
+@pytest.mark.parametrize(
+    ("kinematics", "order"), [("plane strain", 2), ("plane stress", 1)]
+)
 def test_intervals_hold_fine_values(order, kinematics):
     problem = plate(ROLLED, order, kinematics)
     result = solved(problem)

@@ -95,10 +95,10 @@ def test_clamped_sheet(pressure):
 def test_loads_without_a_factor_stay():
     """The same sheet; the factor multiplies the temperature alone."""
     problem = heated("plane stress", traction={"contact": (0, 0.9)})
-    found = shakedown_load(problem, {"initial_strain": (0, 1)})
+    found = shakedown_load(problem, {"initial_strain": (0, 1)}, 0.05)
     exact = 2 * math.sqrt(1 - 0.75 * 0.9**2)
     assert found.lower == pytest.approx(exact, rel=1e-6)
-    assert exact <= found.upper <= 1.01 * found.lower
+    assert exact <= found.upper <= 1.05 * found.lower
 
 
 def test_plane_strain_keeps_the_stress_across():
@@ -231,13 +231,13 @@ def test_estimates_do_not_exceed_the_limit_load(kinematics):
     mesh = block.structured_mesh(2, 2, simplices=True)
     given = {"traction": {"contact": (1.0, 0.0)}, "kinematics": kinematics}
     problem = Problem(mesh, steel(0.3), "clamped", **given)
-    estimate = shakedown_load(problem, {"contact": (0, 1)}, 0.1)
-    limit = limit_load(problem, 0.1)
+    estimate = shakedown_load(problem, {"contact": (0, 1)}, 0.2)
+    limit = limit_load(problem, 0.2)
     assert not estimate.exact
     assert "estimate" in estimate.message
     assert estimate.collapses
     assert "limit load" in estimate.message
     assert estimate.lower <= limit.lower
     assert estimate.upper <= limit.upper
-    double = shakedown_load(problem, [{"contact": 2.0}], 0.1)
+    double = shakedown_load(problem, [{"contact": 2.0}], 0.2)
     assert double.lower == pytest.approx(estimate.lower / 2, rel=1e-9)

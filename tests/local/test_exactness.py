@@ -8,6 +8,7 @@ import pytest
 from bodies import CASES, pressed_body
 from campaigns.robustness import Case, extreme_problem
 from ngsolve import Norm, x
+from pairs import in_turn
 
 from ngepc import (
     NewtonOptions,
@@ -131,8 +132,10 @@ def test_a_contact_between_two_nodes_of_a_coarse_mesh_is_seen(method):
     assert "whole facets" in result.message
 
 
-@pytest.mark.parametrize("change", [-1e-3, -3e-8, 3e-8, 1e-3])
-@pytest.mark.parametrize("carried", ["displacement", "contact forces too"])
+@pytest.mark.parametrize(
+    ("change", "carried"),
+    in_turn([-1e-3, -3e-8, 3e-8, 1e-3], ["displacement", "contact forces too"]),
+)
 def test_a_start_whose_gap_has_changed(change, carried):
     problem = lshape_problem(lshape.paper_mesh(113))
     result = semismooth_newton(problem)

@@ -126,15 +126,7 @@ def test_forces_of_all_rows_are_those_of_the_direct_solver(case, solver):
     assert np.abs(large.state.contact - direct.state.contact).max() < 1e-8 * size
 
 
-PRIMAL = (
-    "Coulomb",
-    "Tresca, flat",
-    "axisymmetric",
-    "floating, Tresca",
-    "nothing to touch",
-    "rollers, springs",
-    "tied",
-)
+PRIMAL = ("Coulomb", "axisymmetric", "floating, Tresca", "rollers, springs", "tied")
 """Cases of the primal method: each kind of row and of support, with friction and without."""
 
 
@@ -176,9 +168,8 @@ def test_solves_one_after_the_other_leave_nothing_in_the_options_of_petsc():
 
 
 @both
-@pytest.mark.parametrize("hardening", [1.0, 1e-3])
-def test_counts_do_not_grow_with_the_mesh_or_without_hardening(solver, hardening):
-    records = solve_large(2, solver(), hardening)
+def test_counts_do_not_grow_with_the_mesh_or_without_hardening(solver):
+    records = solve_large(2, solver(), 1e-3)
     for record in records:
         assert record["status"] == "converged"
         assert record["iterations"] <= 10

@@ -18,6 +18,7 @@ from ngsolve import (
     dx,
 )
 from ngsolve.meshes import MakeStructured3DMesh
+from pairs import in_turn
 
 from ngepc import Material, Problem, Tabulated, lshape_problem, semismooth_newton
 from ngepc.geometries import block, lshape
@@ -129,8 +130,7 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("order", "shape"), in_turn([1, 2], SHAPES))
 def test_other_shapes_have_an_estimate(shape, order):
     """Against the energy of two thirds of the mesh width, which has about half of the error."""
     steel = indented_block(0).material

@@ -29,10 +29,9 @@ def test_dual_energy_of_873_nodes_agrees_with_an_independent_code(problems):
     ("gamma", "least", "most"), [(10, 2, 2), (1e3, 10, 20), (1e4, 18, 30)]
 )
 def test_newton_counts_from_zero(problems, gamma, least, most):
-    for nodes in (437, 873):
-        result = semismooth_newton(problems[nodes], gamma)
-        result.raise_for_status()
-        assert least <= result.iterations <= most
+    result = semismooth_newton(problems[437], gamma)
+    result.raise_for_status()
+    assert least <= result.iterations <= most
 
 
 @pytest.mark.parametrize("nodes", [873])

@@ -16,6 +16,7 @@ from closed_forms import Ring
 from netgen.csg import CSGeometry, Plane, Pnt, Vec
 from netgen.geom2d import CSG2d, EdgeInfo, Solid2d
 from ngsolve import CF, IfPos, InnerProduct, Integrate, Mesh, ds, x, y, z
+from pairs import every_pair, in_turn
 from pressed_shell import PressedShell
 from scipy.optimize import brentq
 
@@ -294,9 +295,9 @@ def uniaxial_stress(N, stretch, p_0=0.0):
     return young * (stretch - k * p), p
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("N", [2, 3])
-@pytest.mark.parametrize("stretch", [4e-4, 0.01, -0.01])
+@pytest.mark.parametrize(
+    ("stretch", "method", "N"), every_pair([4e-4, 0.01, -0.01], METHODS, [2, 3])
+)
 def test_bars_with_moved_ends(N, method, stretch):
     result = solve(method, stretched_bar(N, 1.0, stretch))
     mesh = result.problem.mesh
@@ -312,8 +313,7 @@ def test_bars_with_moved_ends(N, method, stretch):
     )
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("N", [2, 3])
+@pytest.mark.parametrize(("method", "N"), in_turn(METHODS, [2, 3]))
 def test_bars_pulled_and_pushed_in_steps(N, method):
     """A cycle 0, 1, -1 of the stretch in steps, with the memory of the steps before."""
     problem = stretched_bar(N, 1.0, 0.004)
@@ -346,10 +346,10 @@ def test_gradient_product_costs_a_layer_of_elements_at_the_boundary():
     """Where q = 0 on the boundary the error is of order h, otherwise there is none."""
     zero_at_the_boundary = Coupled(1e4, gamma_tichonov=1e8)
     errors = [
-        error_of_a_homogeneous_plastic_state(zero_at_the_boundary, n) for n in (8, 10)
+        error_of_a_homogeneous_plastic_state(zero_at_the_boundary, n) for n in (5, 7)
     ]
-    assert errors[0] < 0.12
-    assert errors[0] / errors[1] == pytest.approx(1.25, abs=0.035)
+    assert errors[0] < 0.19
+    assert errors[0] / errors[1] == pytest.approx(1.4, abs=0.06)
     assert error_of_a_homogeneous_plastic_state(None, 4) < 1e-7
 
 

@@ -14,6 +14,7 @@ import pytest
 from closed_forms import Ring
 from manufactured import stress, stretched_and_pressed
 from ngsolve import CF, Grad, InnerProduct, Integrate, Norm, Sym, dx, x, y
+from pairs import in_turn
 
 from ngepc import (
     Material,
@@ -89,7 +90,7 @@ def test_the_body_force_is_in_equilibrium_with_the_stress():
 
 
 def test_both_methods_have_the_same_errors():
-    exact, primal = (manufactured_errors(8, method, 1) for method in ("dual", "primal"))
+    exact, primal = (manufactured_errors(4, method, 1) for method in ("dual", "primal"))
     assert primal == pytest.approx(exact, rel=1e-6)
 
 
@@ -151,8 +152,9 @@ def ring_errors(maxh, pressure, method, order=1):
     return u, abs(Integrate(Norm(result.plastic_increment), mesh) / plastic - 1)
 
 
-@pytest.mark.parametrize("method", ["primal", "dual"])
-@pytest.mark.parametrize("pressure", [0.5, 1.2])
+@pytest.mark.parametrize(
+    ("method", "pressure"), in_turn(["primal", "dual"], [0.5, 1.2])
+)
 def test_thick_ring_under_internal_pressure(pressure, method):
     """Lamé's solution, and the elasto-plastic one: order two, the domain being a polygon."""
     errors = [ring_errors(maxh, pressure, method) for maxh in (0.1, 0.05)]
@@ -160,8 +162,9 @@ def test_thick_ring_under_internal_pressure(pressure, method):
     assert max(errors[-1]) < 0.02
 
 
-@pytest.mark.parametrize("method", ["primal", "dual"])
-@pytest.mark.parametrize(("pressure", "least"), [(0.5, 2.8), (1.2, 2.2)])
+@pytest.mark.parametrize(
+    ("pressure", "least", "method"), [(0.5, 2.8, "primal"), (1.2, 2.2, "dual")]
+)
 def test_thick_ring_of_curved_elements_of_order_two(pressure, least, method):
     """Order three in L2 where all is elastic, above two with a plastic front."""
     errors = [

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from ngsolve import CF, IfPos, x, y
+from pairs import in_turn
 from samples import stop_after
 
 from ngepc import (
@@ -44,7 +45,6 @@ INVERSE = {
 """PEEQ of a bar under a stress."""
 
 every_law = pytest.mark.parametrize("name", LAWS)
-both_methods = pytest.mark.parametrize("method", [semismooth_newton, primal_newton])
 
 
 @every_law
@@ -75,8 +75,9 @@ def bar(law, stress, **changes):
     )
 
 
-@both_methods
-@every_law
+@pytest.mark.parametrize(
+    ("name", "method"), in_turn(LAWS, [semismooth_newton, primal_newton])
+)
 def test_bar_in_tension(name, method):
     """eps = sigma/E + PEEQ(sigma), and u_r = -(nu sigma/E + PEEQ/2) r."""
     for stress in (200.0, 265.0, 320.0, 365.0):
@@ -97,8 +98,7 @@ def test_bar_in_tension(name, method):
 CYCLE = [265.0, 320.0, 0.0, -310.0, -340.0, 100.0, 350.0]
 
 
-@pytest.mark.parametrize("hardening", [0.0, 2e3])
-@every_law
+@pytest.mark.parametrize(("name", "hardening"), in_turn(LAWS, [2e3, 0.0]))
 def test_bar_in_a_history(name, hardening, tmp_path):
     """The surface grows with PEEQ and moves with k p; a checkpoint goes on where it stopped."""
     problem, law = bar(LAWS[name], 0.0, hardening=hardening), LAWS[name]
@@ -141,7 +141,7 @@ def example_a(nodes, **changes):
     )
 
 
-@pytest.mark.parametrize(("name", "order"), [("Voce", 2), ("Swift", 1), ("table", 1)])
+@pytest.mark.parametrize(("name", "order"), [("Voce", 2), ("table", 1)])
 def test_both_methods_agree_with_contact(name, order):
     """Example (a): u to 1e-10, J to 1e-12, J + J* = 0, |q| within the bound that was reached."""
     material = Material.with_law(

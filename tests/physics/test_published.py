@@ -1,8 +1,12 @@
 """Published problems and closed forms of ``ngepc study benchmarks``, those that take seconds."""
 
+from functools import partial
+
 import pytest
 
 from ngepc.studies.benchmarks import BENCHMARKS, Benchmarks
+from ngepc.studies.contact_problems import mindlin
+from ngepc.studies.material_problems import three_sheets
 from ngepc.studies.solid_problems import Quantity
 
 ELSEWHERE = {
@@ -18,12 +22,15 @@ Limit and shakedown loads in tests/limit, Bree's cycles in tests/evolution/test_
 relaxation in tests/physics/test_rates.py.
 """
 
+COARSER = {"SSNP303": partial(three_sheets, 90), "Mindlin": partial(mindlin, 0.07)}
+"""Fewer steps and a coarser mesh than those of the study, with its tolerances."""
+
 QUICK = sorted(set(BENCHMARKS) - {"sphere on a flat", "SSNV506"} - ELSEWHERE)
 
 
 @pytest.mark.parametrize("name", QUICK)
 def test_numbers_are_met(name):
-    _, quantities = BENCHMARKS[name].solve()
+    _, quantities = COARSER.get(name, BENCHMARKS[name].solve)()
     assert [q for q in quantities if not q.holds] == []
 
 

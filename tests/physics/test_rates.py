@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from pairs import every_pair, in_turn
 from scipy.optimize import brentq
 
 from ngepc import (
@@ -55,10 +56,14 @@ def axial_stress(fields):
     return fields.stress(fields.problem.mesh(0.3, 0.4))[4]
 
 
-@pytest.mark.parametrize("kind", ["isotropic", "kinematic"])
-@pytest.mark.parametrize("solver", [None, primal_newton])
-@pytest.mark.parametrize(("n", "accuracy"), [(1.0, 1e-10), (5.0, 1e-8)])
-def test_steps_of_a_bar_are_those_of_implicit_euler(n, accuracy, solver, kind):
+@pytest.mark.parametrize(
+    ("kind", "solver", "power"),
+    every_pair(
+        ["isotropic", "kinematic"], [None, primal_newton], [(1.0, 1e-10), (5.0, 1e-8)]
+    ),
+)
+def test_steps_of_a_bar_are_those_of_implicit_euler(power, solver, kind):
+    n, accuracy = power
     rate = Norton(K, n)
     metal = Material.metal(**ELASTIC, plastic_modulus=H, kind=kind, rate=rate)
     times = (0.1, 0.15, 0.5, 1.0, 3.0)
@@ -127,8 +132,7 @@ def values(result):
     return result.displacement.vec.FV().NumPy()
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("n", [1.0, 3.0, 10.0])
+@pytest.mark.parametrize(("order", "n"), in_turn([1, 2], [1.0, 3.0, 10.0]))
 def test_both_solvers_agree_and_the_certificate_closes(n, order):
     problem = pressed(Norton(K, n), order, duration=0.5)
     result = semismooth_newton(problem).raise_for_status()

@@ -8,6 +8,7 @@ import pytest
 from bodies import STEEL
 from netgen.occ import Box, Compound, MoveTo, OCCGeometry, Rectangle, X, Y, Z
 from ngsolve import CF, Mesh, y
+from pairs import every_pair
 
 from ngepc import (
     Contact,
@@ -117,9 +118,9 @@ def test_stiff_springs_approach_a_clamped_boundary(solver):
     assert distance[0] / distance[1] == pytest.approx(10, rel=0.02)
 
 
-@both
-@orders
-@pytest.mark.parametrize("friction", [None, Coulomb(0.2)])
+@pytest.mark.parametrize(
+    ("solver", "order", "friction"), every_pair(SOLVERS, [1, 2], [None, Coulomb(0.2)])
+)
 def test_a_turned_problem_has_the_turned_solution(solver, order, friction):
     """Rollers on two oblique sides, plastic, with contact on a third one."""
     mesh, R = turned(0.4)
@@ -152,9 +153,10 @@ def test_a_turned_problem_has_the_turned_solution(solver, order, friction):
         assert two.equilibrium.reactions[name] == pytest.approx(R @ force, abs=1e-9)
 
 
-@both
-@pytest.mark.parametrize("shape", ["tetrahedra", "hexahedra"])
-@orders
+@pytest.mark.parametrize(
+    ("solver", "shape", "order"),
+    every_pair(SOLVERS, ["tetrahedra", "hexahedra"], [1, 2]),
+)
 def test_rollers_along_the_axes_are_components(solver, shape, order):
     """Three faces of a cube that meet in edges and a corner, under contact."""
     mesh = block.structured_mesh(2, 2, 2, simplices=shape == "tetrahedra")
@@ -363,9 +365,9 @@ def test_pressure_is_the_traction_along_the_inner_normal():
     assert one.applied_force == pytest.approx((-1.4, 0), abs=1e-12)
 
 
-@both
-@orders
-@pytest.mark.parametrize("gap", [0.0, 5e-4])
+@pytest.mark.parametrize(
+    ("solver", "order", "gap"), every_pair(SOLVERS, [1, 2], [0.0, 5e-4])
+)
 def test_contact_beside_a_clamped_part(solver, order, gap):
     """A block clamped at its left side, pressed on ground that begins there."""
     problem = Problem(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from coordinates import deviator, tensor
 from ngsolve import CF, GridFunction, Id, IfPos, Integrate, Norm, VectorH1, ds, x, y, z
+from pairs import in_turn
 
 from ngepc import (
     Material,
@@ -118,8 +119,7 @@ def results():
     }
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(("method", "case"), in_turn(METHODS, CASES))
 def test_forces_and_moments_of_loads_obstacles_and_supports_vanish_together(
     results, case, method
 ):

@@ -382,8 +382,8 @@ def test_coulomb_friction_beside_a_support(seed, held):
     sides = LinearContact(result.state)
     assert sides.slips.sum() >= 3
     assert not sides.closed.all()
-    found = [c for c in compared(problem, every=slice(0, None, 9)) if c.smooth]
-    assert len(found) >= 5
+    found = [c for c in compared(problem, every=slice(0, None, 15)) if c.smooth]
+    assert len(found) >= 3
     assert max(c.error for c in found) < 1e-8
 
 

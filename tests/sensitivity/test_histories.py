@@ -48,16 +48,16 @@ def test_histories_of_laws_with_data_of_their_own(seed):
 @pytest.fixture(scope="module")
 def cycle():
     problem = lshape_problem(lshape.paper_mesh(65))
-    return evolve(problem, load_cycle(problem, [1, 0], steps=10)).raise_for_status()
+    return evolve(problem, load_cycle(problem, [1, 0], steps=5)).raise_for_status()
 
 
-def test_a_load_cycle_of_twenty_steps(cycle):
-    assert len(cycle.steps) == 20
+def test_a_load_cycle_of_ten_steps(cycle):
+    assert len(cycle.steps) == 10
     names = ["lame_mu", "yield_stress", "hardening", "traction", "gap"]
     states = [give_state() for give_state in states_of(cycle)]
     tangents = tangents_at(states, [{name: 1.0} for name in names])
     found = dict(zip(names, tangents, strict=True))
-    for step in (9, 19):
+    for step in (4, 9):
         slopes = gradient(cycle, "primal_energy", names, step=step)
         assert len(slopes.biactive) == step + 1
         for name in names:
@@ -67,7 +67,7 @@ def test_a_load_cycle_of_twenty_steps(cycle):
 
 
 def test_states_are_rebuilt_from_what_steps_keep(cycle):
-    for step, give_state in list(zip(cycle.steps, states_of(cycle), strict=True))[::5]:
+    for step, give_state in list(zip(cycle.steps, states_of(cycle), strict=True))[::3]:
         state = give_state()
         assert state.multipliers.sum() == pytest.approx(
             step.record.contact_force, rel=1e-12

@@ -110,7 +110,7 @@ def test_histories_carry_peeq():
         return evolve(problem, steps).raise_for_status()
 
     run = driven(law)
-    names = ["law.yield_stress", "law.saturation", "law.rate"]
+    names = ["law.saturation", "law.rate"]
     functionals = ("contact_force", "dissipation")
     found = [gradient(run, functional, names) for functional in functionals]
     for name in names:
@@ -179,7 +179,7 @@ SHEET = replace(
 ALL_LAWS = {
     "law": (
         Material.with_law(**ELASTIC, law=Voce(1.5, 1.0, 50.0)),
-        {"law.yield_stress": 2.0, "law.saturation": 0.6, "law.rate": 40.0},
+        {"law.saturation": 0.6, "law.rate": 40.0},
     ),
     "overlay": (CYCLIC, {"overlay.bounds[0]": 1.2, "overlay.shares[1]": 0.15}),
     "rate": (CREEPING, {"rate.overstress": 3.0, "rate.exponent": 1.5}),

@@ -44,7 +44,7 @@ COARSER = {
     "docs/cycles.md": {"steps=50": "steps=5"},
     "docs/error_bound.md": {
         "relative_error=0.05": "relative_error=0.6",
-        " error=0.1)": " error=0.5)",
+        " error=0.1)": " error=0.8)",
     },
     "docs/gallery.md": {"paper_mesh(833)": "paper_mesh(113)"},
     "docs/goal_bound.md": {"percent=5": "percent=20", "at_most=4200": "at_most=6000"},
@@ -66,6 +66,9 @@ COARSER = {
     "docs/sensitivities.md": {
         "paper_mesh(225)": "paper_mesh(113)",
         "block.mesh(0.25,": "block.mesh(0.5,",
+        '"yield_stress": 5.0, "hardening": 200.0': (
+            '"yield_stress": 3.0, "hardening": 100.0'
+        ),
     },
 }
 """Page -> meshes, steps and accuracies of its snippets, and those with which they run here.
@@ -223,7 +226,7 @@ class Page(HTMLParser):
 def site(tmp_path_factory):
     """The documentation built without warnings, notebooks not executed.
 
-    Pages show only their own branch of the contents, which saves a third of the time.
+    Pages show the first level of the contents only, which saves two fifths of the time.
     """
     for needed in ("myst_nb", "sphinx_book_theme"):
         pytest.importorskip(
@@ -232,6 +235,7 @@ def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-c", BUILD, "-W", "--keep-going", "-q", "-b", "html"]
     command += ["-D", "html_theme_options.collapse_navbar=1"]
+    command += ["-D", "html_theme_options.max_navbar_depth=1"]
     places = ["-d", str(tmp_path_factory.mktemp("doctrees")), str(DOCS), str(folder)]
     run = subprocess.run(
         [*command, *places], capture_output=True, text=True, timeout=300

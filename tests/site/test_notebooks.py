@@ -32,9 +32,11 @@ ENVIRONMENT = os.environ | {
 }
 
 QUICKLY_DRAWN = """
+from matplotlib.axis import Axis
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from ngepc.pictures.style import RC
 ConstrainedLayoutEngine.execute = lambda engine, figure: None
+Axis.draw = lambda axis, renderer: None
 RC["figure.dpi"] = 40
 """
 KEPT = "import gc; gc.freeze()"
@@ -171,8 +173,8 @@ def code_cells(path):
 def execute():
     """Run notebooks in one kernel, which takes seconds to start: each in a folder, without names.
 
-    ``make docs`` gives each its own.  Pictures are drawn, but coarsely and not laid out, which
-    takes a fifth of the time and is tested with the pictures.
+    ``make docs`` gives each its own.  Pictures are drawn, but coarsely, without ticks and not laid
+    out, which take a third of the time and are tested with the pictures.
     """
     new = nbformat().v4
     client = importlib.import_module("nbclient").NotebookClient(

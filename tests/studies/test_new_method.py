@@ -50,7 +50,7 @@ def test_hardening_is_the_ratio_to_mu():
 
 @pytest.mark.parametrize("law", LAWS)
 def test_other_laws_take_few_steps(law):
-    problem = problem_of(law, 225, 0.1)
+    problem = problem_of(law, 113, 0.1)
     result = semismooth_newton(problem).raise_for_status()
     assert result.iterations <= 15
     assert result.state.at.yields.any()
