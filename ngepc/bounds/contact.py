@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import lsq_linear
+import scipy
 from scipy.sparse import csr_matrix, diags
 
 from ngepc.bounds.boundary import Boundary
@@ -272,7 +272,9 @@ class ContactFacets:
         P = self._means(forces)
         if self.problem.order == 1 or not P.any():
             return P
-        positive = lsq_linear(*self._fit(forces, P), (0.0, np.inf), method="bvls")
+        positive = scipy.optimize.lsq_linear(
+            *self._fit(forces, P), (0.0, np.inf), method="bvls"
+        )
         return positive.x.reshape(P.shape)
 
     def stresses(self, forces: np.ndarray) -> np.ndarray:

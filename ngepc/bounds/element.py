@@ -21,7 +21,6 @@ import math
 from itertools import combinations
 
 import numpy as np
-from scipy.special import perm
 
 from ngepc.bounds.oscillation import rotating_loads
 from ngepc.bounds.polynomials import portions
@@ -182,7 +181,8 @@ def _derivative(
     """Derivatives of the monomials of a part at a point, among those of all three."""
     result = np.zeros((3, len(powers)))
     left = np.maximum(powers - order, 0)
-    result[part] = np.prod(perm(powers, order) * at**left, axis=1)
+    factors = [list(map(math.perm, each, order)) for each in powers.tolist()]
+    result[part] = np.prod(factors * at**left, axis=1)
     return result.ravel()
 
 

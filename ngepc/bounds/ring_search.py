@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from ngepc.bounds.polynomials import portions
 from ngepc.bounds.ring_density import RingConjugate
@@ -218,7 +218,7 @@ def least_nonnegative(H: np.ndarray, g: np.ndarray) -> np.ndarray:
     roots = np.sqrt(np.maximum(sizes, SINGULAR * sizes.max()))
     matrix = roots[:, None] * vectors.T
     right = -(vectors.T @ g) / roots
-    return nnls(matrix, right)[0]
+    return scipy.optimize.nnls(matrix, right)[0]
 
 
 def stress_rows(

@@ -20,10 +20,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from ngsolve import H1, LinearForm, dx, specialcf
 from numpy.linalg import matrix_rank
 from scipy.linalg import eigvalsh
-from scipy.optimize import linprog
 from scipy.sparse import csr_matrix, diags, eye, hstack, vstack
 
 from ngepc.discretisation.conditions import ContactConditions
@@ -453,7 +453,9 @@ class Floating:
         limits = vstack([hstack([-bound, s * tangents, zero]) for s in (1, -1)])
 
         given = {"A_ub": limits, "b_ub": np.zeros(limits.shape[0])}
-        found = linprog(cost, A_eq=work, b_eq=wanted, bounds=ranges, **given)
+        found = scipy.optimize.linprog(
+            cost, A_eq=work, b_eq=wanted, bounds=ranges, **given
+        )
         if found.fun <= SMALL:
             return ""
         centre = ", ".join(f"{c:.3g}" for c in self.centres[-1])

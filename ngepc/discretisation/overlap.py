@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
+import scipy
 from ngsolve import BND, ET, H1, ElementId, IntegrationRule
 from scipy.sparse import csr_matrix
-from scipy.spatial import cKDTree
 
 from ngepc.model.problem import Problem
 
@@ -177,11 +177,11 @@ def _candidates(one: Surface, two: Surface) -> Iterator[tuple[np.ndarray, np.nda
     neighbour of all.  In space a facet looks along its own normal: facets whose circles do not
     overlap along it are left out.
     """
-    nearest, _ = cKDTree(two.centres).query(one.centres)
+    nearest, _ = scipy.spatial.cKDTree(two.centres).query(one.centres)
     reach = nearest + one.radii
     sizes = np.floor(np.log2(two.radii / two.radii.min()))
     alike = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
-    trees = [(some, cKDTree(two.centres[some])) for some in alike]
+    trees = [(some, scipy.spatial.cKDTree(two.centres[some])) for some in alike]
     for first in range(0, len(one.centres), CHUNK):
         chunk = np.arange(first, min(first + CHUNK, len(one.centres)))
         found = [_close(one, two, chunk, reach, some, tree) for some, tree in trees]
@@ -197,7 +197,7 @@ def _close(
     chunk: np.ndarray,
     reach: np.ndarray,
     some: np.ndarray,
-    tree: cKDTree,
+    tree: scipy.spatial.cKDTree,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of some facets of the first surface and those of one size of the second one."""
     far = reach[chunk] + 2 * two.radii[some].max()

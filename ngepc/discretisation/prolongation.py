@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from ngsolve import BND, H1, VERTEX, FESpace, GridFunction, Mesh, NodeId
 from ngsolve.la import BaseVector
-from scipy.spatial import cKDTree
 
 from ngepc.checks.sentences import counted, in_words
 from ngepc.discretisation.facets import MIDDLE
@@ -37,7 +37,9 @@ def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.n
         component.vec.FV().NumPy()[:] = values
         result[inside, k] = np.ravel(component(places[inside]))
     if not inside.all():
-        _, nearest = cKDTree(vertex_coordinates(mesh)).query(points[~inside])
+        _, nearest = scipy.spatial.cKDTree(vertex_coordinates(mesh)).query(
+            points[~inside]
+        )
         result[~inside] = vertex_values[nearest]
     return result
 
@@ -124,7 +126,7 @@ def values_at_points(function: GridFunction, points: np.ndarray) -> np.ndarray:
     result[inside] = np.asarray(function(places[inside]))
     if not inside.all():
         vertices = vertex_coordinates(mesh)
-        _, nearest = cKDTree(vertices).query(points[~inside])
+        _, nearest = scipy.spatial.cKDTree(vertices).query(points[~inside])
         parts = [part.vec.FV().NumPy()[nearest] for part in function.components]
         result[~inside] = np.stack(parts, axis=1)
     return result

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.outline import connected_parts
@@ -28,7 +28,7 @@ def moves_freely(data: LimitData) -> bool:
     resisting = np.vstack([motions.into_obstacles, -motions.power(STAYS)])
     held, speeds = motions.held
     sizes = (None, None) if data.moves else (-1.0, 1.0)
-    found = linprog(
+    found = scipy.optimize.linprog(
         -growing,
         A_ub=resisting,
         b_ub=np.zeros(len(resisting)),
