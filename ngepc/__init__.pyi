@@ -90,7 +90,6 @@ from ngepc.pictures.intervals import plot_interval as plot_interval
 from ngepc.pictures.live import lab as lab
 from ngepc.pictures.materials import plot_material as plot_material
 from ngepc.pictures.monitors import live_plot_monitor as live_plot_monitor
-from ngepc.pictures.monitors import progress_line as progress_line
 from ngepc.pictures.report import write_report as write_report
 from ngepc.pictures.views import show as show
 from ngepc.primal.solver import PrimalOptions as PrimalOptions
@@ -100,6 +99,7 @@ from ngepc.results.fields import Fields as Fields
 from ngepc.results.options import NewtonOptions as NewtonOptions
 from ngepc.results.outcome import SolverError as SolverError
 from ngepc.results.outcome import Status as Status
+from ngepc.results.progress import progress_line as progress_line
 from ngepc.sensitivity.calibration import Calibration as Calibration
 from ngepc.sensitivity.calibration import Curve as Curve
 from ngepc.sensitivity.calibration import calibrate as calibrate

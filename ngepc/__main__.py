@@ -11,7 +11,7 @@ import logging
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -50,6 +50,12 @@ def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     return top.parse_args(arguments, argparse.Namespace(quiet=False, verbose=False))
 
 
+def function_of(command: str) -> Callable[[argparse.Namespace], int]:
+    """What does the work of a command."""
+    module, _, name = (COMMANDS[command].work or f"work:{command}").partition(":")
+    return getattr(importlib.import_module(f"ngepc.cli.{module}"), name)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status."""
     args = parsed(arguments)
@@ -58,8 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     places = [value for value in vars(args).values() if isinstance(value, Path)]
     try:
         with remembered(), no_empty_folders(places):
-            work = importlib.import_module("ngepc.cli.work")  # now NGSolve is loaded
-            return getattr(work, COMMANDS[args.command].work or args.command)(args)
+            return function_of(args.command)(args)  # loads NGSolve where it is needed
     except (ValueError, TypeError, OSError, ImportError) as error:
         sys.stderr.write(f"ngepc {args.command}: error: {error}\n")
         return 2

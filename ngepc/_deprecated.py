@@ -57,6 +57,7 @@ MOVED = {
     "ngepc.model.given.as_scalar": "ngepc.model.data.as_scalar",
     "ngepc.model.material.lame_parameters": "ngepc.model.tensile.lame_parameters",
     "ngepc.pictures.export.in_space": "ngepc.pictures.vtu.in_space",
+    "ngepc.pictures.monitors.progress_line": "ngepc.results.progress.progress_line",
     "ngepc.results.iteration.drowned": "ngepc.results.iteration.limited_by_rounding",
     "ngepc.results.iteration.stuck": "ngepc.results.iteration.no_descent",
     "ngepc.sensitivity.gradient.TangentResult": "ngepc.sensitivity.tangent.TangentResult",

@@ -1,1 +1,1 @@
-"""The command line: ``commands`` has all options in tables, ``work`` carries them out."""
+"""The command line: ``commands`` has all options in tables; the others carry them out."""

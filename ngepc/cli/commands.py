@@ -200,8 +200,8 @@ eval "$(register-python-argcomplete ngepc)"      completion by the Tab key, in t
 class Command(NamedTuple):
     """Help, usage of the options, and what does the work.
 
-    For studies that is MODULE:CLASS of ``ngepc.studies``, for commands a function of
-    ``ngepc.cli.work``, by default the one with the name of the command.
+    For studies that is MODULE:CLASS of ``ngepc.studies``, for commands MODULE:FUNCTION of
+    ``ngepc.cli``, by default the function of ``work`` with the name of the command.
     """
 
     help: str
@@ -230,9 +230,13 @@ COMMANDS = {
     ),
     "study": Command("make a table or figure of the paper, or another measurement", ()),
     "report": Command(
-        "write an HTML report about a saved run", ("run_file", "--out FILE")
+        "write an HTML report about a saved run",
+        ("run_file", "--out FILE"),
+        "figures:report",
     ),
-    "check": Command("check the proof in a receipt", ("receipt",), "check_file"),
+    "check": Command(
+        "check the proof in a receipt", ("receipt",), "receipts:check_file"
+    ),
     "limit": Command(
         "lower and upper bounds of a limit load, or of loads that vary (shakedown)",
         ("body", "--width X", "--max-cells N", "--json FILE", "--figures DIR"),
@@ -240,7 +244,7 @@ COMMANDS = {
     "lab": Command(
         "a live laboratory in the browser: drag loads, gaps, yield stress",
         ("[example]", "--port N", "--no-browser"),
-        "open_lab",
+        "figures:open_lab",
     ),
     "notebooks": Command(
         "copy the notebooks to a folder", ("folder", "--solutions", "--force")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from zipfile import is_zipfile
+from types import ModuleType
 
 import numpy as np
 from ngsolve import GridFunction
@@ -25,46 +25,23 @@ from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.result import DualResult
 from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import Coupled
-from ngepc.goals import check_receipt
 from ngepc.goals.adaptive import BoundedResult, MeshRecord, solve_to
 from ngepc.limit.load import LimitRecord, limit_load
 from ngepc.limit.shakedown import shakedown_load
 from ngepc.model.problem import Problem
-from ngepc.pictures import live
-from ngepc.pictures.collapse import plot_bracket, plot_mechanism, plot_residual_stress
-from ngepc.pictures.intervals import plot_interval
-from ngepc.pictures.monitors import progress_line
-from ngepc.pictures.report import standard_figures, write_report
-from ngepc.pictures.style import save_figure
-from ngepc.pictures.views import EXTRA, show, viewer_installed
 from ngepc.results import checkpoint, records
 from ngepc.results.files import check_folder, check_writable
 from ngepc.results.options import NewtonOptions
 from ngepc.results.outcome import IterationRecord, Status
+from ngepc.results.progress import progress_line
 from ngepc.results.result import Result
 from ngepc.results.stored import array_of, reading, stored_record
-from ngepc.studies.examples import THRESHOLDS, TITLES, coarse_start, example, solved_by
-from ngepc.studies.large import indented_block
+from ngepc.studies.examples import coarse_start, example, solved_by
 from ngepc.studies.limit_problems import GROWING, LIMITS
 from ngepc.studies.shakedown_problems import SHAKEDOWNS
 from ngepc.studies.work import Work
 
 FINGERPRINT = {"kind": "run of ngepc solve", "version": 5}
-NUMBERS = {
-    "status": "status",
-    "iterations": "Newton steps",
-    "residual_norm": "residual",
-    "primal_energy": "energy J",
-    "dual_energy": "dual energy J*",
-    "error_bound": "bound of the relative energy error",
-    "guaranteed": "the bound is guaranteed",
-    "contact_force": "contact force",
-    "displacement_l2": "displacement, L2 norm",
-    "plastic_strain_l2": "plastic strain, L2 norm",
-    "wall_time_s": "time (s)",
-}
-"""Fields of a record -> words for them in a report."""
-PROVENANCE = ("command", "version", "ngsolve", "numpy", "python")
 OF_PATHS = ("message", "outer_iterations", "inner_iterations", "total_inner_iterations",
             "gammas", "gamma_end", "path_values", "residual_norms")  # fmt: skip
 """Fields of the record of a path that replace or extend those of its last solve."""
@@ -106,10 +83,7 @@ def solve(args: argparse.Namespace) -> int:
         written = [args.save]
         how = f"resume with: {record['command']} --start {args.save}"
     if args.figures is not None:
-        figures = standard_figures(result, THRESHOLDS[args.problem])
-        if goal is not None:
-            figures["interval"] = plot_interval(run)
-        written += saved_figures(figures, args.figures, args.problem)
+        written += drawing().of_solution(args, result, run)
     if not args.quiet and str(args.json) != "-":
         name_written(written)
     return exit_status("solve", record["status"], f"step {record['iterations']}", how)
@@ -149,12 +123,9 @@ def _save_run(args: argparse.Namespace, record: dict, result: Result) -> None:
     checkpoint.save(args.save, FINGERPRINT, kept, state)
 
 
-def saved_figures(figures: dict, folder: Path, start: str) -> list[Path]:
-    """Save figures by their names, which follow the ``start`` of the file names."""
-    return [
-        save_figure(figure, folder / f"{start}_{name}.png")
-        for name, figure in figures.items()
-    ]
+def drawing() -> ModuleType:
+    """``ngepc.cli.figures``; to load matplotlib takes as long as a small solve and its bound."""
+    return importlib.import_module("ngepc.cli.figures")
 
 
 def _solution(
@@ -263,12 +234,7 @@ def limit(args: argparse.Namespace) -> int:
     }
     _write_limit(args, record, found.message)
     if args.figures is not None:
-        figures = {"bracket": plot_bracket(found)}
-        if found.last.mechanism is not None:
-            figures["mechanism"] = plot_mechanism(found)
-        if args.body in SHAKEDOWNS and found.last.stress is not None:
-            figures["residual"] = plot_residual_stress(found)
-        name_written(saved_figures(figures, args.figures, args.body))
+        name_written(drawing().of_limit(args, found))
     return 0 if found.status.is_success else 1
 
 
@@ -377,63 +343,6 @@ def study(args: argparse.Namespace) -> int:
     return 0 if work.succeeded(found) else 1
 
 
-def report(args: argparse.Namespace) -> int:
-    """``ngepc report RUN``: one HTML file about a saved run.
-
-    The default and the primal method solve again, in a dozen steps, also what was not finished.
-    """
-    check_targets(args.out)
-    record, problem, result = load_run(args.run_file)
-    if record["method"] != "paper":
-        result = solved_by(record["method"], problem)
-        record |= records.solve_record(record["problem"], result, record["wall_time_s"])
-    view = (
-        show(result) if viewer_installed() else f"For a view to turn and zoom: {EXTRA}"
-    )
-    *figures, residuals = standard_figures(
-        result, THRESHOLDS[record["problem"]]
-    ).values()
-    numbers = [
-        {"quantity": words, "value": _spelt(record[key])}
-        for key, words in NUMBERS.items()
-    ]
-    page = write_report(
-        args.out or args.run_file.with_suffix(".html"),
-        f"{record['problem']}: {record['method']} method on {record['nodes']} nodes",
-        ("The problem", [problem]),
-        ("Numbers", [numbers, *filter(None, [record["message"]])]),
-        ("The deformed body", [view, *figures]),
-        ("Convergence of the solver", [residuals]),
-        footer=", ".join(f"{key} {record[key]}" for key in PROVENANCE),
-    )
-    name_written([page])
-    return 0
-
-
-def _spelt(value: object) -> object:
-    """A number, or a text; yes or no in place of a flag."""
-    return ("no", "yes")[value] if isinstance(value, bool) else value
-
-
-def check_file(args: argparse.Namespace) -> int:
-    """``ngepc check FILE``: check a receipt, as ``check_receipt.py`` does alone."""
-    if not args.receipt.is_file():
-        raise ValueError(f"{args.receipt}: no such file")
-    if not is_zipfile(args.receipt):
-        sys.stdout.write(
-            f"{args.receipt}: FAIL: no receipt, as ngepc.write_receipt makes\n"
-        )
-        return 1
-    try:
-        shown = check_receipt.check(str(args.receipt))
-    except Exception as error:  # whatever is wrong with a file, it does not pass
-        reason = error if isinstance(error, ValueError) else repr(error)
-        sys.stdout.write(f"{args.receipt}: FAIL: {reason}\n")
-        return 1
-    sys.stdout.write(f"{args.receipt}: PASS: {shown}\n")
-    return 0
-
-
 def notebooks(args: argparse.Namespace) -> int:
     """``ngepc notebooks DIR``: copy all notebooks, none if one is there, and say how to go on."""
     start = Path(ngepc.__file__).parent / "notebooks"
@@ -459,35 +368,6 @@ def notebooks(args: argparse.Namespace) -> int:
         shutil.copyfile(original, copy)
     sys.stdout.write(f"wrote {len(copies)} notebooks to {args.folder}\n")
     sys.stdout.write(f"open the first one with: jupyter lab {copies[wanted[0]]}\n")
-    return 0
-
-
-LAB_TITLES = TITLES | {"sphere": "Sphere pressed into a block"}
-LABS = {
-    "lshape": {
-        "load": (0.0, 12.0),
-        "gap": (0.0, 0.2),
-        "yield_stress": (0.5, 3.0),
-        "hardening": (5.0, 500.0),
-    },
-    "wrench": {"load": (0.0, 8e-3), "gap": (0.0, 2.0), "yield_stress": (0.1, 0.4)},
-    "sphere": {"obstacle": (-0.02, 0.03), "yield_stress": (2.0, 20.0)},
-}
-"""Example -> the sliders of its laboratory."""
-
-
-def open_lab(args: argparse.Namespace) -> int:
-    """``ngepc lab``: serve the laboratory of an example on this machine until Ctrl-C."""
-    name = args.example
-    problem = indented_block(2) if name == "sphere" else example(name)
-    laboratory = live.lab(problem, title=LAB_TITLES[name], **LABS[name])
-    server = laboratory.serve(args.port or 0, browser=not args.no_browser)
-    sys.stdout.write(f"the laboratory is at {server.address}; Ctrl-C ends it\n")
-    sys.stdout.flush()
-    try:
-        server.run()
-    except KeyboardInterrupt:
-        sys.stdout.write("\n")
     return 0
 
 

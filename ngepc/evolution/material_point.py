@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+import scipy
 from ngsolve import CoefficientFunction
-from scipy.optimize import root
 
 from ngepc.checks.arguments import Coefficient, require_integer, require_number
 from ngepc.checks.kinds import require_instance
@@ -241,7 +241,7 @@ class _Point:
         start = e[free]
         part = by_newton(missing, start)
         if part is None:
-            part = root(missing, start, jac=True, tol=PRECISE).x
+            part = scipy.optimize.root(missing, start, jac=True, tol=PRECISE).x
         return e if np.abs(missing(part)[0]).max() <= ACCEPTED else None
 
     def accept(self, e: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -2,51 +2,21 @@
 
 Any function ``record -> None`` is a monitor.  If it raises StopIteration, the run ends with
 Status.STOPPED and keeps the state.  ``record.snapshot()`` is the result of a run that stopped at
-that iterate; it costs nothing until it is called.  The monitors here show a line of progress, or
-draw the run.
+that iterate; it costs nothing until it is called.  The monitor here draws the run; a line of
+progress is in ``results.progress``.
 """
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 
 from matplotlib.figure import Figure
-from tqdm import tqdm
 
+from ngepc._deprecated import old_names
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_text
 from ngepc.pictures.curves import draw_runs
 from ngepc.pictures.fields import plot_active_sets
 from ngepc.pictures.style import Picture, line_style, styled
-from ngepc.results.outcome import History, IterationRecord, Monitor
-
-
-@contextmanager
-def progress_line(label: str = "") -> Iterator[Monitor]:
-    """A monitor that keeps one line up to date on a terminal; nothing is written anywhere else.
-
-    At the end of ``with progress_line() as monitor:`` the line is removed.  Lines that stay, one
-    for each step, are logged: ``logging.basicConfig(level="INFO")``.
-
-    Parameters
-    ----------
-    label
-        What stands in front.
-    """
-    form = "{desc}{postfix} [{elapsed}]"
-    desc = require_text("label", label) or None
-    bar = tqdm(desc=desc, leave=False, disable=None, bar_format=form)
-
-    def write(record: IterationRecord) -> None:
-        """Show an iterate beside the bar."""
-        bar.set_postfix_str(
-            f"step {record.iteration}, residual {record.residual_norm:.2e}, in contact "
-            f"{record.contact_active:.3g}, plastic {record.plastic_active:.3g}"
-        )
-
-    with bar:
-        yield write
+from ngepc.results.outcome import History, IterationRecord
 
 
 class LivePlotMonitor:
@@ -130,3 +100,6 @@ def _display(figure: Figure) -> object:
     except ImportError as error:
         raise ImportError('live figures need: pip install "ngepc[notebook]"') from error
     return display(figure, display_id=True)
+
+
+__getattr__ = old_names(__name__)

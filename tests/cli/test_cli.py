@@ -298,14 +298,21 @@ def test_unwritable_target_fails_before_the_work(tmp_path, capsys):
     assert "folder" in capsys.readouterr().err
 
 
-def test_help_does_not_wait_for_ngsolve():
-    code = (
-        "import sys, ngepc.__main__ as m; m.parser(); print('ngsolve' in sys.modules)"
-    )
+@pytest.mark.parametrize(
+    ("done", "late"),
+    [
+        ("m.parser()", {"ngsolve", "numpy"}),
+        ("m.function_of('check')", {"ngsolve", "scipy"}),
+        ("m.function_of('solve')", {"matplotlib", "scipy.optimize", "scipy.spatial"}),
+    ],
+    ids=["help", "check", "solve"],
+)
+def test_commands_do_not_wait_for_what_they_do_not_need(done, late):
+    code = f"import sys, ngepc.__main__ as m; {done}; print({late} & set(sys.modules))"
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    assert run.stdout.strip() == "False"
+    assert run.stdout.strip() == "set()"
 
 
 def test_examples_of_help_pages_are_legal_and_each_command_has_one():
@@ -365,7 +372,7 @@ def test_a_report_on_an_unfinished_run_tells_what_its_pictures_show(
 def test_report_without_the_viewer_is_written_and_names_the_extra(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("ngepc.cli.work.viewer_installed", lambda: False)
+    monkeypatch.setattr("ngepc.cli.figures.viewer_installed", lambda: False)
     saved = tmp_path / "run.npz"
     assert main(["solve", "lshape", "--nodes", "33", "--save", str(saved)]) == 0
     assert main(["report", str(saved)]) == 0

@@ -15,8 +15,9 @@ from ngepc import (
 )
 from ngepc.geometries import lshape
 from ngepc.pictures import monitors
-from ngepc.pictures.monitors import LivePlotMonitor, live_plot_monitor, progress_line
+from ngepc.pictures.monitors import LivePlotMonitor, live_plot_monitor
 from ngepc.results.outcome import History, IterationRecord
+from ngepc.results.progress import progress_line
 
 RECORDS = [
     IterationRecord(iteration=k, residual_norm=10.0**-k, step_length=0.5**k, halvings=k)
