@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from ngsolve import CF, ET, CoefficientFunction, IntegrationRule, Mesh, x, y, z
-from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import boundary_names, require_direction, require_vector
 from ngepc.checks.kinds import require_text
@@ -241,7 +241,7 @@ def tetrahedra(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
     axes = np.meshgrid(t, t, t, indexing="ij")
     cube = np.stack(axes, axis=-1).reshape(-1, 3)
     points = cube[_in_element(shape, cube)]
-    found = Delaunay(points).simplices
+    found = scipy.spatial.Delaunay(points).simplices
     edges = points[found[:, 1:]] - points[found[:, :1]]
     volumes = np.abs(np.linalg.det(edges))
     return points, found[volumes > 1e-9]

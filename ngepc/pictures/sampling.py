@@ -19,7 +19,6 @@ from ngsolve import (
     y,
     z,
 )
-from scipy.spatial import Delaunay
 
 from ngepc.checks.arguments import require_number
 from ngepc.model.elements import elements_by_type, outward_normal
@@ -150,13 +149,23 @@ def _pieces(shape: ET, n: int, border: bool) -> tuple[np.ndarray, np.ndarray]:
     t = np.arange(n + 1)
     if shape == ET.SEGM:
         return t[:, None] / n, t[:-1, None] + [0, 1]
-    points = np.array([(i, j) for j in t for i in t if shape == ET.QUAD or i + j <= n])
-    pieces = Delaunay(points).simplices
+    points = [(i, j) for j in t for i in t if shape == ET.QUAD or i + j <= n]
+    number = {point: k for k, point in enumerate(points)}
+    halves = [
+        corners
+        for i, j in points
+        for corners in (
+            [(i, j), (i + 1, j), (i, j + 1)],
+            [(i + 1, j), (i + 1, j + 1), (i, j + 1)],
+        )
+        if set(corners) <= set(number)
+    ]
+    pieces = np.array([[number[corner] for corner in half] for half in halves])
     if border:
         sides = np.sort(pieces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2))
         sides, count = np.unique(sides, axis=0, return_counts=True)
         pieces = sides[count == 1]
-    return points / n, pieces
+    return np.array(points) / n, pieces
 
 
 def offset(
