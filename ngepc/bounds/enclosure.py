@@ -164,35 +164,44 @@ class CutFacets:
 def _smooth_gap(cut: CutFacets, jet: Jet, quadratic: bool) -> GapEnclosure:
     """Enclosures by the quadratic function that interpolates, and what is left on the parts."""
     N = cut.corners.shape[1]
-    rule = FACET_RULES[N]
-    middle = (jet.value.low + jet.value.high) / 2
-    values = cut.by_facets(middle[:, 1:])
-    ends = np.stack([cut.at(values, one) for one in np.eye(N)], axis=1)
-    bends = np.stack(
-        [
-            4 * cut.at(values, (np.eye(N)[i] + np.eye(N)[j]) / 2)
-            - 2 * (ends[:, i] + ends[:, j])
-            for i, j in EDGES[N]
-        ],
-        axis=1,
-    )
+    ends, bends = _interpolant(cut, jet)
     left = (jet - cut.quadratic(ends, bends)).whole
     low = cut.by_facets(left.low)
     high = cut.by_facets(left.high)
-    bent = bends / BUBBLE if quadratic else np.zeros((len(ends), 0))
+
     lowest = low.min(axis=1)
     if not quadratic:
         lowest = lowest + lowest_between(bends)
     lowest = lowest - ROUNDING * np.abs(ends).max(axis=1)
     below = ends + lowest[:, None]
-    products = np.stack(
-        [rule.shares[:, i] * rule.shares[:, j] for i, j in EDGES[N]], axis=1
-    )
+    bent = bends / BUBBLE if quadratic else np.zeros((len(ends), 0))
+
+    rule = FACET_RULES[N]
     more = -np.repeat(lowest[:, None], len(rule.shares), axis=1)
     if not quadratic:
-        more = more + bends @ products.T
-    excess = more @ (rule.weights[:, None] * rule.shares) + high @ cut.hats
+        products = [rule.shares[:, i] * rule.shares[:, j] for i, j in EDGES[N]]
+        more = more + bends @ np.stack(products, axis=1).T
+    hats = rule.weights[:, None] * rule.shares
+    excess = more @ hats + high @ cut.hats
     return GapEnclosure(below, bent, excess)
+
+
+def _interpolant(cut: CutFacets, jet: Jet) -> tuple[np.ndarray, np.ndarray]:
+    """The quadratic function with the gaps at vertices and middles of edges.
+
+    Its values at the vertices (facets, N), and the coefficients (facets, edges) of the products of
+    the barycentric coordinates of the ends of edges.
+    """
+    N = cut.corners.shape[1]
+    middle = (jet.value.low + jet.value.high) / 2
+    values = cut.by_facets(middle[:, 1:])
+    vertices = np.eye(N)
+    ends = np.stack([cut.at(values, vertex) for vertex in vertices], axis=1)
+    bends = []
+    for i, j in EDGES[N]:
+        between = cut.at(values, (vertices[i] + vertices[j]) / 2)
+        bends.append(4 * between - 2 * (ends[:, i] + ends[:, j]))
+    return ends, np.stack(bends, axis=1)
 
 
 def lowest_between(bends: np.ndarray) -> np.ndarray:

@@ -299,7 +299,16 @@ def _exceeding_outside(
     values = (places @ own.reshape(k, -1)).reshape(len(places), d, count)
     square = np.einsum("qdn,qdn->qn", values, values)
     middle = weights @ square
-    r = square / middle - 1
-    size = np.sqrt(middle) * (1 + r * (1 / 2 - r * (1 / 8 - r / 16)))
+    size = root_above(square, middle)
     means = weights @ (square - 2 * beta * size + beta**2)
-    return means, np.abs(r).max(axis=0, initial=0.0)
+    variation = np.abs(square / middle - 1)
+    return means, variation.max(axis=0, initial=0.0)
+
+
+def root_above(square: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """No less than the root of ``square``: its Taylor polynomial of degree three at ``middle``.
+
+    The next term is negative.
+    """
+    r = square / middle - 1
+    return np.sqrt(middle) * (1 + r * (1 / 2 - r * (1 / 8 - r / 16)))

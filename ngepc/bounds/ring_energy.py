@@ -13,6 +13,7 @@ from ngepc.bounds.polynomials import (
     SPLIT,
     portions,
     quadratics,
+    root_above,
     triangle_rule,
     worth_keeping,
 )
@@ -232,8 +233,7 @@ class RingEnergy:
 def squares_below(S: np.ndarray, radii: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """The mean of r (|S|/r - beta)^2 over parts from below, from coefficients (n, 6, d).
 
-    1/r is at least c^-1 times the sum of (1 - r/c)^j for j < 8, and |S| at most the odd Taylor
-    polynomial of a root, see ``exceeding``.
+    1/r is at least c^-1 times the sum of (1 - r/c)^j for j < 8, and |S| at most ``root_above``.
     """
     shares, weights = BELOW
     values = np.matmul(quadratics(shares), S)
@@ -242,8 +242,6 @@ def squares_below(S: np.ndarray, radii: np.ndarray, beta: np.ndarray) -> np.ndar
     c = (radii.min(axis=1) + radii.max(axis=1))[:, None] / 2
     t = 1 - r / c
     inverse = (1 + t) * (1 + t**2) * (1 + t**4) / c
-    middle = (square @ weights)[:, None]
-    q = square / middle - 1
-    size = np.sqrt(middle) * (1 + q * (1 / 2 - q * (1 / 8 - q / 16)))
+    size = root_above(square, (square @ weights)[:, None])
     b = beta[:, None]
     return (square * inverse - 2 * b * size + b**2 * r) @ weights

@@ -126,14 +126,16 @@ class DualResult(Result):
         """Nodal forces of loads, obstacles (Lambda* v) and supports."""
         blocks = self.functional.blocks
         V = self.functional.blocks.Y.components[0]
-        internal = blocks.D * self.y - blocks.load
-        contact = blocks.Lambda.T * self.v
         applied = applied_forces(self.problem, V.components[0]).T
         free = Supports(self.problem).free.T
-        internal, contact = (
-            f.Evaluate().FV().NumPy()[: V.ndof].reshape(applied.shape).copy()
-            for f in (internal, contact)
-        )
+
+        def nodal(functional: BaseVector) -> np.ndarray:
+            """Its values at the components of the displacement, as those of ``applied``."""
+            values = functional.Evaluate().FV().NumPy()
+            return values[: V.ndof].reshape(applied.shape).copy()
+
+        internal = nodal(blocks.D * self.y - blocks.load)
+        contact = nodal(blocks.Lambda.T * self.v)
         return Equilibrium(self.problem, applied, contact, internal - contact, free)
 
     @property

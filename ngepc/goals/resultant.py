@@ -35,17 +35,22 @@ def largest_resultant(bound_data: BoundData, bound: ErrorBound) -> float:
     N = bound_data.cells.N
     vertices = contact.nodes[:, :N]
     w = np.zeros_like(bound.state.u)
-    np.add.at(w, vertices, (contact.measure[:, None] * contact.normal)[:, None])
+    weighted = contact.measure[:, None] * contact.normal
+    np.add.at(w, vertices, weighted[:, None])
     size = np.linalg.norm(w, axis=1, keepdims=True)
     w = discrete.supports.kept(w / np.where(size > 0, size, 1.0))
+
     along = contact.along(w)[:, :N]
     least = along.min(initial=1.0)
     if least < LEAST or bound_data.boundary.friction.any():
         return math.inf
+
     law = discrete.law
     trace, deviator = discrete.points.strain(w)
     density = law.bulk * trace**2 + law.two_mu * (deviator**2).sum(axis=1)
     square = discrete.points.integral(density) + 2 * spring_energy(discrete, w)
-    P = bound.pressure[:, :, None]
-    force = contact.moments(P)[:, :N].sum() * max(along.max(initial=1.0), 1.0)
-    return float((force + math.sqrt(2 * max(bound.total, 0.0) * square)) / least)
+    difference = math.sqrt(2 * max(bound.total, 0.0) * square)
+
+    moments = contact.moments(bound.pressure[:, :, None])[:, :N]
+    force = moments.sum() * max(along.max(initial=1.0), 1.0)
+    return float((force + difference) / least)

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from ngsolve import CF, ET, CoefficientFunction, IntegrationRule, Mesh, x, y, z
+from ngsolve import CF, ET, CoefficientFunction, Mesh
 
 from ngepc.checks.arguments import boundary_names, require_direction, require_vector
 from ngepc.checks.kinds import require_text
 from ngepc.checks.sentences import in_words
 from ngepc.model.elements import cells_of
-from ngepc.pictures.sampling import Corners, corners_of, is_curved
+from ngepc.pictures.sampling import Corners, at_corners, corners_of, is_curved
 from ngepc.results.fields import Fields
 
 Plane = tuple[Sequence[float], Sequence[float]]
@@ -180,24 +180,13 @@ def section(fields: Fields, inside: CoefficientFunction | None, part: Part) -> C
     """Triangles of the section of a solid with a plane."""
     mesh = fields.problem.mesh
     region = mesh.Materials(part.body or ".*")
-    types = np.array([element.type for element in region.Elements()])
+    shapes = np.array([element.type for element in region.Elements()])
+    types = {shape: shapes == shape for shape in set(shapes)}
     cuts = 2 if is_curved(fields) else 1
-    pieces = {shape: tetrahedra(shape, cuts) for shape in set(types)}
-    rules = {
-        shape: IntegrationRule(p.tolist(), [0.0] * len(p))
-        for shape, (p, _) in pieces.items()
-    }
-    mapped = mesh.MapToAllElements(rules, region)
-    counts = np.array([len(pieces[shape][0]) for shape in types])
-    first = np.cumsum(counts) - counts
-    of_tetrahedra = np.concatenate([
-        (first[types == shape][:, None, None] + corners).reshape(-1, 4)
-        for shape, (_, corners) in pieces.items()
-    ])  # fmt: skip
+    parts = {shape: tetrahedra(shape, cuts) for shape in types}
     inside = CF(0.0) if inside is None else inside
-    sampled = (CF((x, y, z)), fields.displacement, inside)
-    each = [np.asarray(c(mapped), float).reshape(len(mapped), -1) for c in sampled]
-    data = np.concatenate(each, axis=1)[of_tetrahedra]
+    each = at_corners(fields, inside, region, parts, types, types)
+    data = np.concatenate(each, axis=2)
     level = heights(data[..., :3], part.cut)
     triangles = crossed(data, level)
     return unstacked(facing(triangles, np.array(part.cut[1])))

@@ -15,6 +15,7 @@ from ngsolve import (
     BoundaryFromVolumeCF,
     CoefficientFunction,
     IntegrationRule,
+    Region,
     x,
     y,
     z,
@@ -119,29 +120,53 @@ def corners_of(
         bent = is_curved(fields) or ET.QUAD in types or mesh.dim == 3
         cuts = max(1, min(4, math.isqrt(200_000 // number))) if bent else 1
     parts = {shape: _pieces(shape, cuts, border) for shape in types}
+    kept = np.ones(number, dtype=bool) if keep is None else keep
+    chosen = {shape: alike & kept for shape, alike in types.items()}
+    coefficient = CF(0.0) if coefficient is None else coefficient
+    points, displacement, values = at_corners(
+        fields, coefficient, region, parts, types, chosen
+    )
+    values = values[..., 0] if coefficient.dim == 1 else values
+    return Corners(points, displacement, values)
+
+
+Pieces = dict[ET, tuple[np.ndarray, np.ndarray]]
+"""Shape of elements -> points of the reference element, numbers of the corners of its pieces."""
+
+
+def at_corners(
+    fields: Fields,
+    coefficient: CoefficientFunction,
+    region: Region,
+    parts: Pieces,
+    types: dict[ET, np.ndarray],
+    chosen: dict[ET, np.ndarray],
+) -> list[np.ndarray]:
+    """Positions, displacement and a coefficient at the corners of pieces, (pieces, corners, .).
+
+    ``types`` and ``chosen`` say which elements of the region have a shape, and of which the pieces
+    are wanted.
+    """
+    mesh = fields.problem.mesh
     rules = {
-        shape: IntegrationRule(p.tolist(), [0.0] * len(p))
-        for shape, (p, _) in parts.items()
+        shape: IntegrationRule(points.tolist(), [0.0] * len(points))
+        for shape, (points, _) in parts.items()
     }
     mapped = mesh.MapToAllElements(rules, region)
-    counts = np.zeros(number, dtype=int)
-    for shape, alike in types.items():
-        counts[alike] = len(parts[shape][0])
+    counts = sum(alike * len(parts[shape][0]) for shape, alike in types.items())
     first = np.cumsum(counts) - counts
-    kept = np.ones(number, dtype=bool) if keep is None else keep
-    pieces = np.concatenate([
-        (first[kept & types[shape]][:, None, None] + corners).reshape(-1, corners.shape[1])
-        for shape, (_, corners) in parts.items()
-    ])  # fmt: skip
-    coefficient = CF(0.0) if coefficient is None else coefficient
-    sampled = (CF((x, y, z)[: mesh.dim]), fields.displacement, coefficient)
-    found = (
-        np.asarray(c(mapped), float).reshape(len(mapped), -1)[pieces] for c in sampled
-    )
-    points, displacement, values = found
-    return Corners(
-        points, displacement, values[..., 0] if coefficient.dim == 1 else values
-    )
+
+    pieces = []
+    for shape, (_, corners) in parts.items():
+        numbers = first[chosen[shape]][:, None, None] + corners
+        pieces.append(numbers.reshape(-1, corners.shape[1]))
+    every = np.concatenate(pieces)
+
+    values = []
+    for sampled in (CF((x, y, z)[: mesh.dim]), fields.displacement, coefficient):
+        at_points = np.asarray(sampled(mapped), float).reshape(len(mapped), -1)
+        values.append(at_points[every])
+    return values
 
 
 def _pieces(shape: ET, n: int, border: bool) -> tuple[np.ndarray, np.ndarray]:
