@@ -240,12 +240,25 @@ def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
     problem = bound_data.problem
     if not isinstance(goal, ContactForceOn):
         zero = np.zeros(len(bound_data.contact.nodes))
-        return _without_facets(goal, problem, zero)
+        terms = _without_facets(goal, problem, zero)
+        _check_outer(goal, bound_data)
+        return terms
     names = boundary_names("boundary", goal.boundary, problem.mesh)
     on = bound_data.boundary.contact_of(names).astype(float)
     if not on.any():
         raise ValueError(f"boundary={goal.boundary!r}: a contact boundary is needed")
     return GoalTerms(f"contact force on {goal.boundary}", None, on, None)
+
+
+def _check_outer(goal: object, bound_data: BoundData) -> None:
+    """ValueError if a mean displacement or a traction of a goal is that of a line inside."""
+    if isinstance(goal, MeanDisplacement):
+        names = boundary_names("boundary", goal.boundary, bound_data.problem.mesh)
+        bound_data.boundary.on(names, f"boundary={goal.boundary!r}")
+    if isinstance(goal, LoadWork):
+        for name in goal.traction or ():
+            names = boundary_names("traction", name, bound_data.problem.mesh)
+            bound_data.boundary.on(names, f"traction[{name!r}] of the goal")
 
 
 def _without_facets(goal: object, problem: Problem, zero: np.ndarray) -> GoalTerms:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from campaigns.crossings import finer
 from campaigns.intervals import drawn
+from netgen.geom2d import SplineGeometry
 from ngsolve import CF, Integrate, Mesh, x, y
 
 from ngepc import (
@@ -565,6 +566,38 @@ def touching():
 def test_the_mean_displacement_of_a_clamped_boundary_is_refused(touching):
     with pytest.raises(ValueError, match="'clamped' is clamped and does not move"):
         goal_bound(touching, MeanDisplacement("clamped", 0))
+
+
+@pytest.mark.parametrize(
+    ("goal", "named"),
+    [
+        (MeanDisplacement("joint", 0), "boundary='joint'"),
+        (LoadWork({"joint": (1.0, 0.0)}), r"traction\['joint'\] of the goal"),
+    ],
+    ids=["mean", "work"],
+)
+def test_goals_on_a_line_inside_the_body_are_refused_by_their_own_name(goal, named):
+    """The argument that the user has given, not the load that the goal becomes."""
+    square = SplineGeometry()
+    corners = ((0, 0), (1, 0), (1, 0.5), (1, 1), (0, 1), (0, 0.5))
+    points = [square.AppendPoint(*corner) for corner in corners]
+    names = ("clamped", "side", "side", "top", "side", "side")
+    layers = (1, 1, 2, 2, 2, 1)
+    for k, name in enumerate(names):
+        ends = points[k], points[(k + 1) % 6]
+        square.Append(["line", *ends], bc=name, leftdomain=layers[k], rightdomain=0)
+    ends = points[5], points[2]
+    square.Append(["line", *ends], bc="joint", leftdomain=2, rightdomain=1)
+    mesh = Mesh(square.GenerateMesh(maxh=0.6))
+    steel = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.0, hardening=100.0
+    )
+    result = semismooth_newton(
+        Problem(mesh, steel, "clamped", traction={"top": (0.1, 0.0)})
+    )
+    with pytest.raises(ValueError, match=rf"{named}: .* outer boundary"):
+        goal_bound(result, goal)
+    assert goal_bound(result, MeanDisplacement("top", 0)).lower > 0
 
 
 def test_a_printed_goal_says_its_component(touching):
