@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -71,7 +72,8 @@ class DualResult(Result):
     @property
     def method_label(self) -> str:
         """'gamma = 1e4': how the problem was regularised."""
-        return f"gamma = {self.regularisation.gamma:.4g}"
+        gamma = f"{self.regularisation.gamma:.4g}"
+        return f"gamma = {re.sub(r'e[+]0*', 'e', gamma)}"
 
     @property
     def residual_norm(self) -> float:

@@ -247,7 +247,7 @@ def _draw_sets(
 
 
 def _method(source: object) -> str:
-    """The method for titles: 'gamma = 1e+04'; empty for solutions of the problem itself."""
+    """The method for titles: 'gamma = 1e4'; empty for solutions of the problem itself."""
     label = getattr(source, "method_label", "")
     return label if isinstance(label, str) and label != "exact" else ""
 

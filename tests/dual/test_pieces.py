@@ -8,6 +8,7 @@ import pytest
 from ngsolve.la import BaseVector
 
 from ngepc import (
+    Coupled,
     Material,
     NewtonOptions,
     Problem,
@@ -17,6 +18,7 @@ from ngepc import (
 )
 from ngepc.dual import stopping
 from ngepc.dual.algorithm import DualLine
+from ngepc.dual.result import DualResult
 from ngepc.dual.stopping import Tolerances, ended, final_check
 from ngepc.geometries import block, lshape
 from ngepc.results.outcome import History
@@ -139,3 +141,16 @@ def test_messages_tell_of_damping_in_the_last_five_steps():
     asked = (Status.ITERATION_LIMIT, "", History(records[:3]), Tolerances(1e-8))
     message = ended(here, *asked).message
     assert "Step 1 was damped to 0.01, the shortest of the last 2." in message
+
+
+@pytest.mark.parametrize(
+    ("gamma", "label"),
+    [(1.0, "1"), (2500.0, "2500"), (1e4, "1e4"), (5.0**13, "1.221e9"), (1e-5, "1e-05")],
+)
+def test_a_result_says_its_gamma_as_it_is_written_in_a_call(gamma, label):
+    functional = SimpleNamespace(regularisation=Coupled(gamma))
+    result = DualResult(functional, *[None] * 5)
+    assert result.method_label == f"gamma = {label}"
+    assert float(result.method_label.partition("=")[2]) == pytest.approx(
+        gamma, rel=1e-3
+    )
