@@ -32,7 +32,7 @@ SHEETS = {
 """Force of SSNP303 (N) -> stresses along it and across it in the three sheets (MPa)."""
 
 
-def three_sheets(steps: int = 120) -> Solved:
+def three_sheets() -> Solved:
     """SSNP303 (NAFEMS): three sheets without hardening, glued on top of each other, pulled.
 
     They share the strains in their plane, each has its own strain across.  Hence a thin solid of
@@ -57,6 +57,7 @@ def three_sheets(steps: int = 120) -> Solved:
     held = {"left": (0, None, None), "front": (None, 0, None)}
     held |= {"clamped": (None, None, 0), "right": (2.6e-4, None, None)}
     problem = Problem(mesh, metal, None, prescribed=held)
+    steps = 120
     pulled = load_cycle(problem, [k / steps for k in range(1, steps + 1)])
     run = evolve(problem, pulled).raise_for_status()
 

@@ -6,7 +6,6 @@ import pytest
 
 from ngepc.studies.benchmarks import BENCHMARKS, Benchmarks
 from ngepc.studies.contact_problems import mindlin
-from ngepc.studies.material_problems import three_sheets
 from ngepc.studies.solid_problems import Quantity
 
 ELSEWHERE = {
@@ -22,8 +21,8 @@ Limit and shakedown loads in tests/limit, Bree's cycles in tests/evolution/test_
 relaxation in tests/physics/test_rates.py.
 """
 
-COARSER = {"SSNP303": partial(three_sheets, 90), "Mindlin": partial(mindlin, 0.07)}
-"""Fewer steps and a coarser mesh than those of the study, with its tolerances."""
+COARSER = {"Mindlin": partial(mindlin, 0.07)}
+"""A coarser mesh than that of the study, with its tolerances."""
 
 QUICK = sorted(set(BENCHMARKS) - {"sphere on a flat", "SSNV506"} - ELSEWHERE)
 
