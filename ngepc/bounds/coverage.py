@@ -9,6 +9,7 @@ from ngepc.bounds.hexahedra import check_hexahedra
 from ngepc.bounds.matching import check_interfaces
 from ngepc.bounds.rollers import in_components
 from ngepc.checks.sentences import in_words
+from ngepc.discretisation.polynomials import is_polynomial
 from ngepc.discretisation.sampling import Scan
 from ngepc.model.elements import (
     SHAPES,
@@ -258,6 +259,8 @@ def varies_inside(
 ) -> bool:
     """Whether a coefficient is not constant, or not affine on simplices, on some element."""
     mesh = problem.mesh
+    if is_polynomial(value, mesh, highest=int(affine)):
+        return False
     if len(Scan(mesh, value, VOL).hidden):
         return True
     points = mesh.MapToAllElements(_INSIDE, VOL)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import fields, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -177,10 +178,15 @@ def on_mesh(
         """A number, a coefficient or several."""
         return mapped(value, on_children_of)
 
+    @cache
+    def points_of_both() -> tuple[Points, Points]:
+        """The points of both meshes, which are made if a coefficient needs them."""
+        before = Points(problem.mesh, problem.kinematics, problem.order)
+        return before, Points(mesh, problem.kinematics, order)
+
     def on_children_of(value: CoefficientFunction) -> CoefficientFunction:
         """A coefficient by its values at the points of the children."""
-        before = Points(problem.mesh, problem.kinematics, problem.order)
-        after = Points(mesh, problem.kinematics, order)
+        before, after = points_of_both()
         values = transfer(before.at(value), before, after, parents)
         return shaped_like(value, after.functions.function(values))
 

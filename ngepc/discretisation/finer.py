@@ -125,8 +125,11 @@ def seen_material(material: Material, points: Points) -> Material:
     return other
 
 
-def unresolved_data(problem: ProblemData) -> str:
-    """A sentence about data with projections, which the mesh does not resolve; empty without."""
+def unresolved_data(problem: ProblemData, points: Points | None = None) -> str:
+    """A sentence about data with projections, which the mesh does not resolve; empty without.
+
+    ``points`` are those of the problem, by default new ones, which look at all data again.
+    """
     material = problem.material
     laws = [law for law in (material.law, material.rate) if law is not None]
     given = {f.name: getattr(material, f.name) for f in fields(material)}
@@ -137,7 +140,8 @@ def unresolved_data(problem: ProblemData) -> str:
     varying = {n: v for n, v in given.items() if not is_polynomial(v, problem.mesh)}
     if not varying:
         return ""
-    points = Points(problem.mesh, problem.kinematics, problem.order)
+    if points is None:
+        points = Points(problem.mesh, problem.kinematics, problem.order)
     names = [n for n, v in varying.items() if seen(v, points) is not v]
     if not names:
         return ""

@@ -349,6 +349,10 @@ class Points:
     def __len__(self) -> int:
         return len(self.weights)
 
+    def misses_like(self, other: Points) -> None:
+        """Take from other points at the same places what they miss of data, now and later."""
+        self.seen = other.seen
+
     @cached_property
     def functions(self) -> PointFunctions:
         """The polynomials through values at the points."""

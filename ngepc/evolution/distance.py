@@ -33,7 +33,9 @@ from ngepc.checks.sentences import outward
 from ngepc.evolution.memory import Memory
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import solve_exactly
+from ngepc.local.system import DiscreteProblem
 from ngepc.model.data import same_fields
+from ngepc.model.elements import has_straight_simplices
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem
 
@@ -56,7 +58,9 @@ class SolvedStep(Protocol):
     """A step of a history: its problem, and the step as a result."""
 
     problem: Problem
-    solution: ExactResult
+
+    def solution_like(self, like: DiscreteProblem | None) -> ExactResult:
+        """The step as a result, with unchanged data of an earlier discrete problem."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,7 @@ def distance_of(steps: Sequence[SolvedStep]) -> DistanceBound:
     if not steps:
         raise ValueError("steps: a history with a finished step is needed")
     averaged = [problem_with_means(step.problem) for step in steps]
-    bounds = [bound_of_step(*pair) for pair in zip(steps, averaged, strict=True)]
+    bounds = bounds_of(steps, averaged)
     totals = np.array([max(bound.total, 0.0) for bound in bounds])
     problems = [step.problem for step in steps]
     material = problems[0].material
@@ -124,6 +128,8 @@ def problem_with_means(problem: Problem) -> Problem | None:
 
     None where the hardening does not vary inside elements.
     """
+    if problem.order == 1 and has_straight_simplices(problem.mesh):
+        return None  # one point in each element
     memory = Memory.initial(problem)
     means = memory.as_bounds_need_it()
     pairs = [(value, means.arrays[name]) for name, value in memory.arrays.items()]
@@ -132,14 +138,26 @@ def problem_with_means(problem: Problem) -> Problem | None:
     return means.before(problem)
 
 
-def bound_of_step(step: SolvedStep, averaged: Problem | None) -> ErrorBound:
+def bounds_of(
+    steps: Sequence[SolvedStep], averaged: Sequence[Problem | None]
+) -> list[ErrorBound]:
+    """The error bounds of the steps; what does not change between them is discretised once."""
+    bounds = []
+    discrete = None
+    for step, problem in zip(steps, averaged, strict=True):
+        solution = step.solution_like(discrete)
+        discrete = solution.discrete
+        bounds.append(bound_of_step(solution, problem))
+    return bounds
+
+
+def bound_of_step(start: ExactResult, averaged: Problem | None) -> ErrorBound:
     """The error bound of a step, or of the solution with ``averaged`` hardening.
 
     RuntimeError if that is not found.
     """
     if averaged is None:
-        return error_bound(step.solution)
-    start = step.solution
+        return error_bound(start)
     solved = solve_exactly(
         averaged, start, TOLERANCE, MOST_STEPS, "sparsecholesky", None
     )

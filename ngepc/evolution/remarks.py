@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from ngepc.discretisation.finer import unresolved_data
 from ngepc.discretisation.gap_records import nearer_between_nodes
 from ngepc.discretisation.sampled import what_is_unseen
+from ngepc.evolution.memory import Memory
 from ngepc.evolution.result import EvolutionStep
 from ngepc.model.data import order_note
 from ngepc.results.fields import Fields, frobenius
@@ -23,10 +25,11 @@ from ngepc.results.result import (
 )
 
 
-def remarks(steps: Sequence[EvolutionStep]) -> str:
+def remarks(steps: Sequence[EvolutionStep], memory: Memory) -> str:
     """Contact that never happens or is on few facets, data from samples, strains not small.
 
-    Strains are those of the step with the largest displacement, facets of the largest force.
+    Strains are those of the step with the largest displacement, facets of the largest force;
+    ``memory`` is the history after the last step.
     """
     if not steps:
         return ""
@@ -37,7 +40,8 @@ def remarks(steps: Sequence[EvolutionStep]) -> str:
     pressed = max((s.record for s in steps), key=lambda record: record.contact_force)
     few = few_facets(pressed.contact_facets, pressed.contact_nodes)
     found += [f"At time {pressed.time:g}: {few}"] if few else []
-    notes = (order_note, what_is_unseen, unresolved_data, nearer_between_nodes)
+    resolved = partial(unresolved_data, points=memory.functions.points)
+    notes = (order_note, what_is_unseen, resolved, nearer_between_nodes)
     found += filter(None, (note(problem) for note in notes))
     maximum = problem.processes.maximum
     sizes = [

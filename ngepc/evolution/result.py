@@ -188,12 +188,16 @@ class EvolutionStep:
         It is made from the displacement and the forces of contact when it is first asked for.
         ValueError for steps of solvers without such forces.
         """
+        return self.solution_like(None)
+
+    def solution_like(self, like: DiscreteProblem | None) -> ExactResult:
+        """The same with unchanged data of an earlier discrete problem."""
         if self.contact is None:
             raise ValueError(
                 "this step was solved with gamma: contact pressures are kept by steps of the "
                 "exact methods"
             )
-        discrete = DiscreteProblem(self.problem)
+        discrete = DiscreteProblem(self.problem, like=like)
         u = nodal(self.values_of("displacement"), self.problem).copy()
         state = discrete.state(u, contact=self.contact)
         return ExactResult(state, Status.CONVERGED, "", History())

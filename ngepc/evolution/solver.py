@@ -33,6 +33,7 @@ from ngepc.goals.adaptive import SMALLEST_ERROR, Refinement, next_mesh
 from ngepc.goals.brackets import COVERS
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.cores import crew
+from ngepc.local.result import ExactResult
 from ngepc.local.solver import RepeatedSolver
 from ngepc.model.elements import has_more_corners
 from ngepc.model.features import FEATURES, require_covered
@@ -183,8 +184,9 @@ def evolve(
         if path is not None:
             run.resume(EvolutionFile(path, problem, schedule, solver))
         run.advance()
-    run.evolution.message = run.evolution.message or remarks(run.evolution.steps)
-    return run.evolution
+    evolution = run.evolution
+    evolution.message = evolution.message or remarks(evolution.steps, evolution.memory)
+    return evolution
 
 
 def check_alone(name: str, value: float, steps: object, **others: object) -> None:
@@ -377,6 +379,8 @@ class _Run:
             if message := self._refine(bound, time):
                 return Status.MESH_LIMIT, message
         functions = self.evolution.memory.functions
+        if isinstance(result, ExactResult):
+            functions.points.misses_like(result.discrete.points)
         increment = functions.function(functions.points.at(result.plastic_increment))
         own = self._own.of(result.problem)
         fields = Fields(own, result.displacement, increment)

@@ -13,9 +13,11 @@ from ngepc import (
     Voce,
     evolve,
     gradient,
+    load_cycle,
     primal_newton,
     semismooth_newton,
 )
+from ngepc.discretisation import finer
 from ngepc.discretisation.finer import seen, seen_material, unresolved_data
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.points import Points
@@ -170,6 +172,22 @@ def test_histories_remember_by_the_same_data():
     last, held = history.steps[-2:]
     assert held.record.dissipation == pytest.approx(0.0, abs=1e-12)
     assert held.record.elastic_energy == pytest.approx(last.record.elastic_energy)
+
+
+def test_histories_look_at_data_once(monkeypatch):
+    """At each of two data in the first step, for the steps, their memory and the message."""
+    looked = []
+    projected = finer._with_projections
+
+    def counted(value, *others):
+        looked.append(value)
+        return projected(value, *others)
+
+    monkeypatch.setattr(finer, "_with_projections", counted)
+    problem = pressed(yield_stress=strip(0.37), hardening=strip(0.43))
+    history = evolve(problem, load_cycle(problem, [1.0, 0.0, -1.0]))
+    assert "yield_stress, hardening vary" in history.message
+    assert looked == [problem.material.yield_stress, problem.material.hardening]
 
 
 def test_values_that_are_not_legal_are_refused_where_they_are():

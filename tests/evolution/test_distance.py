@@ -165,3 +165,11 @@ def test_the_first_step_needs_no_means():
     bound = history.distance_bound
     assert bound.value == pytest.approx(np.sqrt(2 * total), rel=1e-9)
     assert "means" not in bound.message
+
+
+def test_the_squares_of_the_steps_add_up():
+    """Steps are discretised with data of the ones before, and have the bounds of single results."""
+    history = run(pulled(MATERIALS["kinematic"], contact="contact", gap=0.0))
+    alone = [error_bound(step.solution).total for step in history.steps]
+    squares = 2 * np.cumsum(alone)
+    assert history.distance_bound.by_step == pytest.approx(np.sqrt(squares), rel=1e-12)
