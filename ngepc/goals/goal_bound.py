@@ -327,8 +327,9 @@ class GoalProblem:
             if factor > largest:
                 raise RuntimeError(
                     f"goal={start.goal.name}: a support holds a vertex that touches the obstacle, "
-                    "where the adjoint should move; end the contact boundary or open the gap "
-                    "before the support, or ask for 'work' or a displacement"
+                    "and how both share the force there has no bound, only their sum has, which "
+                    "balances the loads; end the contact boundary or open the gap before the "
+                    "support, or ask for 'work' or a displacement"
                 )
             adjoint = self._adjoints.of(start, factor)
         integrand = self._of_bound.integrand(adjoint)
