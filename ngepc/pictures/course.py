@@ -38,7 +38,7 @@ class Answers:
     def __call__(self, question: str, test: Callable[[], object]) -> None:
         """Write 'right', 'not yet' or 'fill in' and the question; ``test`` takes nothing.
 
-        Behind 'fill in' stands what the test raised, of a missing answer or of a mistake in it.
+        Behind 'fill in' stands the message of the error: an answer is missing, or it has a mistake.
         """
         require_function("test", test, "nothing")
         self.errors.pop(question, None)
@@ -47,7 +47,7 @@ class Answers:
             line = f"{'right:  ' if self.done[question] else 'not yet:'} {question}"
         except Exception as error:  # unfinished answers may raise any exception
             self.done[question], self.errors[question] = False, error
-            line = f"fill in: {question} ({type(error).__name__}: {error})"
+            line = f"fill in: {question} ({error})"
         sys.stdout.write(line + "\n")
 
 

@@ -312,7 +312,7 @@ def test_unfinished_answers_are_told_from_wrong_ones(capsys):
     check("wrong", lambda: 1 > 2)
     check("fine", lambda: 2 > 1)
     assert capsys.readouterr().out.splitlines() == [
-        "fill in: missing (KeyError: 100.0)",
+        "fill in: missing (100.0)",
         "not yet: wrong",
         "right:   fine",
     ]
