@@ -10,7 +10,7 @@ import numpy as np
 from ngsolve import GridFunction
 
 from ngepc._deprecated import old_names
-from ngepc.discretisation.points import PointFunctions
+from ngepc.discretisation.points import PointFunctions, Points
 from ngepc.linalg.secants import Compliance
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.own import require_same_mesh
@@ -30,6 +30,10 @@ class ExactResult(DiscreteSolution):
     def discrete(self) -> DiscreteProblem:
         """The discrete problem that was solved."""
         return self.state.discrete
+
+    @property
+    def _points(self) -> Points:
+        return self.discrete.points
 
     @property
     def largest_strain(self) -> float:

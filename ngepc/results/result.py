@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from html import escape
 
 import numpy as np
@@ -23,6 +23,7 @@ from ngepc.discretisation.body import Iterate
 from ngepc.discretisation.finer import unresolved_data
 from ngepc.discretisation.gap_records import deepest_overlap, nearer_between_nodes
 from ngepc.discretisation.mortar import deepest_pair_overlap
+from ngepc.discretisation.points import Points
 from ngepc.discretisation.rows import ContactRows
 from ngepc.discretisation.sampled import hidden_overlap, what_is_unseen
 from ngepc.model.data import order_note
@@ -166,6 +167,11 @@ class DiscreteSolution(Result):
     def problem(self) -> Problem:
         """The problem that was solved."""
         return require_same_mesh(self.state.body.problem)
+
+    @property
+    def _points(self) -> Points | None:
+        """Integration points that have looked at the data of the material, if there are such."""
+        return None
 
     @property
     def rows(self) -> ContactRows:
@@ -397,7 +403,8 @@ class DiscreteSolution(Result):
                 f"Between nodes the body overlaps an obstacle by up to {self._hidden_overlap:.3g}: "
                 "refine the contact boundary there."
             )
-        notes = (order_note, what_is_unseen, unresolved_data, nearer_between_nodes)
+        resolved = partial(unresolved_data, points=self._points)
+        notes = (order_note, what_is_unseen, resolved, nearer_between_nodes)
         found += filter(None, (note(self.problem) for note in notes))
         return found
 

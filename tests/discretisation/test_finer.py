@@ -174,8 +174,17 @@ def test_histories_remember_by_the_same_data():
     assert held.record.elastic_energy == pytest.approx(last.record.elastic_energy)
 
 
-def test_histories_look_at_data_once(monkeypatch):
-    """At each of two data in the first step, for the steps, their memory and the message."""
+def solved_once(problem):
+    return semismooth_newton(problem)
+
+
+def solved_in_steps(problem):
+    return evolve(problem, load_cycle(problem, [1.0, 0.0, -1.0]))
+
+
+@pytest.mark.parametrize("solved", [solved_once, solved_in_steps])
+def test_data_are_looked_at_once(solved, monkeypatch):
+    """Steps, their memory and the message share what the points miss."""
     looked = []
     projected = finer._with_projections
 
@@ -185,8 +194,7 @@ def test_histories_look_at_data_once(monkeypatch):
 
     monkeypatch.setattr(finer, "_with_projections", counted)
     problem = pressed(yield_stress=strip(0.37), hardening=strip(0.43))
-    history = evolve(problem, load_cycle(problem, [1.0, 0.0, -1.0]))
-    assert "yield_stress, hardening vary" in history.message
+    assert "yield_stress, hardening vary" in solved(problem).message
     assert looked == [problem.material.yield_stress, problem.material.hardening]
 
 
