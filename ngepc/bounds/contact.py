@@ -373,11 +373,14 @@ class ContactFacets:
             return (self.moments(F[:, :, None])[:, :, 0] * size).sum(axis=1)
         middle = np.linalg.norm(self._middles_of_edges(slip), axis=2)
         total = F.sum(axis=1)
+        sizes = size.sum(axis=1)
         if self.N == 2:
-            between = total * (size.sum(axis=1) / 12 + middle[:, 0] / 6)
-            return self.measure * ((F * size).sum(axis=1) / 6 + between)
+            between = total * (sizes / 12 + middle[:, 0] / 6)
+            own = (F * size).sum(axis=1) / 6
+            return self.measure * (own + between)
+
         # means of hat functions times Bernstein's: 1/10 and 1/30, 1/15 and 1/30
-        between = total * (size.sum(axis=1) + 2 * middle.sum(axis=1)) / 30
+        between = total * (sizes + 2 * middle.sum(axis=1)) / 30
         own = (F * (2 * size - middle)).sum(axis=1) / 30
         return self.measure * (own + between)
 

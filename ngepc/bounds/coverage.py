@@ -93,11 +93,15 @@ class FacetRule:
         N = 2 if shape == ET.SEGM else 3
         points = np.array(inside.points)[:, : N - 1]
         points = np.column_stack([points, 1 - points.sum(axis=1)])
-        middles = [np.full(N, 1 / N), *([] if N == 2 else (1 - np.eye(3)) / 2)]
-        self.shares = np.concatenate([np.eye(N), middles, points])
-        weights = np.array([0.0] * (N + len(middles)) + list(inside.weights))
+        vertices = np.eye(N)
+        centre = np.full((1, N), 1 / N)
+        middles_of_edges = np.zeros((0, N)) if N == 2 else (1 - np.eye(3)) / 2
+        watched = np.concatenate([vertices, centre, middles_of_edges])
+        self.shares = np.concatenate([watched, points])
+
+        weights = np.array([0.0] * len(watched) + list(inside.weights))
         self.weights = weights / weights.sum()
-        places = [tuple(p[:-1]) for p in self.shares.tolist()]
+        places = [tuple(share[:-1]) for share in self.shares.tolist()]
         self.rule = IntegrationRule(places, self.weights.tolist())
 
     def affine_defect(self, values: np.ndarray) -> np.ndarray:

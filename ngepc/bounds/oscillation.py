@@ -65,12 +65,17 @@ def rule_on_parts(shape: ET, N: int) -> tuple[np.ndarray, np.ndarray]:
     The weights add up to one.
     """
     rule = IntegrationRule(shape, 2 * HIGHEST)
-    inside = np.array(rule.points)[:, :N]
-    inside = np.column_stack([inside, 1 - inside.sum(axis=1)])
-    parts = np.repeat(np.eye(N + 1)[None], N + 1, axis=0)
-    parts[np.arange(N + 1), np.arange(N + 1)] = 1 / (N + 1)
-    places = np.matmul(inside, parts).reshape(-1, N + 1)
-    weights = np.tile(rule.weights, N + 1)
+    points = np.array(rule.points)[:, :N]
+    inside = np.column_stack([points, 1 - points.sum(axis=1)])
+
+    # the corners of part k are those of the cell, with its centre in place of corner k
+    corners = N + 1
+    part = np.arange(corners)
+    parts = np.repeat(np.eye(corners)[None], corners, axis=0)
+    parts[part, part] = 1 / corners
+
+    places = np.matmul(inside, parts).reshape(-1, corners)
+    weights = np.tile(rule.weights, corners)
     return places, weights / weights.sum()
 
 

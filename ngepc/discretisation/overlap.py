@@ -76,21 +76,29 @@ class Surface:
 
     def nodes(self, space: H1) -> np.ndarray:
         """The nodes of a space on the facets in the order of ``pairs_of``, shape (facets, k)."""
-        nodes = np.array([space.GetDofNrs(number) for number in self._numbers])
+        nodes = self._unknowns(space)
         N = self.corners.shape[-1]
         if nodes.shape[1] == N:
             return nodes
-        element = space.GetFE(self._numbers[0])
         places = np.eye(N)[pairs_of(N, 2)].mean(axis=1)
-        values = np.abs([np.array(element.CalcShape(*p[:-1])) for p in places])
-        corner = values[:, :N].max(axis=1) > 1 - 1e-9
+        values = np.abs(self._shapes_at(space, places))
+        at_corner = values[:, :N].max(axis=1) > 1 - 1e-9
+        corner = values[:, :N].argmax(axis=1)
         edge = N + values[:, N:].argmax(axis=1)
-        return nodes[:, np.where(corner, values[:, :N].argmax(axis=1), edge)]
+        return nodes[:, np.where(at_corner, corner, edge)]
+
+    def _unknowns(self, space: H1) -> np.ndarray:
+        """The unknowns of a space on the facets in NGSolve's order, shape (facets, k)."""
+        return np.array([space.GetDofNrs(number) for number in self._numbers])
+
+    def _shapes_at(self, space: H1, places: np.ndarray) -> np.ndarray:
+        """The shape functions on a facet at barycentric coordinates (n, N), shape (n, k)."""
+        element = space.GetFE(self._numbers[0])
+        return np.array([element.CalcShape(*place[:-1]) for place in places])
 
     def means(self, space: H1, facets: np.ndarray, lam: np.ndarray) -> csr_matrix:
         """A function of a space at barycentric coordinates lam (n, N), shape (n, nodes)."""
-        every = np.array([space.GetDofNrs(number) for number in self._numbers])
-        nodes = every[facets]
+        nodes = self._unknowns(space)[facets]
         points, k = nodes.shape
         shapes = lam if k == lam.shape[1] else self._quadratic_shapes(space, lam)
         rows = np.repeat(np.arange(points), k)
@@ -102,13 +110,11 @@ class Surface:
 
         They are combinations of products of two coordinates, found from as many values.
         """
-        element = space.GetFE(self._numbers[0])
         N = lam.shape[1]
         pairs = np.array([*combinations_with_replacement(range(N), 2)])
         known = np.eye(N)[pairs].mean(axis=1)
-        values = [np.array(element.CalcShape(*point[:-1])) for point in known]
         at_known = known[:, pairs].prod(axis=2)
-        factors = np.linalg.solve(at_known, values)
+        factors = np.linalg.solve(at_known, self._shapes_at(space, known))
         return lam[:, pairs].prod(axis=2) @ factors
 
 

@@ -205,11 +205,16 @@ class Sides:
         """Like ``squares``, of G and R times the root of mu_2/2."""
         found = np.empty_like(self.squares)
         M = MEANS[self.tau.shape[1]]
+
+        def means_of(x: np.ndarray) -> np.ndarray:
+            """M times values whose first axis is that of the coefficients."""
+            return (M @ x.reshape(len(M), -1)).reshape(x.shape)
+
         for cells in portions(len(self.tau)):
             G = pieces_last(self.tau[cells] - self.strain[cells])
             R = pieces_last(self.result.sigma[cells] + self.result.trial[cells])
-            means = (M @ x.reshape(len(M), -1) for x in (G, R))
-            of_G, of_R = (mean.reshape(G.shape) for mean in means)
+            of_G = means_of(G)
+            of_R = means_of(R)
             pairs = (of_G, G), (of_G, R), (of_R, R)
             found[:, cells] = [np.einsum("kdn,kdn->n", *pair) for pair in pairs]
         return self.result.size * self.result.law.two_mu / 4 * found

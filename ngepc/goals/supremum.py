@@ -310,8 +310,10 @@ def chords(law: ScaledLaw, A: Field, v: Field, chosen: np.ndarray) -> np.ndarray
     v = Field(*(part.take(chosen, axis=-1) for part in v))
     end = (largest_of(v.norms) - law.start) / (2 * law.bend)
     there = A.vectors + end * v.vectors
-    chord = (np.sqrt(products(there, there)) - A.along) / end
-    steep = np.where(mean_of(chord) < mean_of(v.norms), chord, v.norms)
+    size_there = np.sqrt(products(there, there))
+    chord = (size_there - A.along) / end
+    flatter = mean_of(chord) < mean_of(v.norms)
+    steep = np.where(flatter, chord, v.norms)
     return np.maximum(steep - law.start, 0.0)
 
 

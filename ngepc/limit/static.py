@@ -326,15 +326,18 @@ def traction_rows(data: LimitData, shape: YieldShape) -> csr_matrix:
     cells = data.cells
     N = cells.N
     of_basis = np.einsum("frp,cpq,fq->frc", data.frame, shape.basis, cells.normal)
-    values = cells.sign[..., None, None] * of_basis[cells.facet_of]
-    shape_of = (*cells.place.shape, N, shape.size)
-    values = np.broadcast_to(values[:, :, None], shape_of)
+    signed = cells.sign[..., None, None] * of_basis[cells.facet_of]
+    values = np.broadcast_to(signed[:, :, None], (*cells.place.shape, N, shape.size))
+
     row = N * cells.slot[..., None] + np.arange(N)
-    local = np.array(FACETS[N])
-    vertex = (N + 1) * np.arange(len(cells.nodes))[:, None, None] + local
+    first_vertex = (N + 1) * np.arange(len(cells.nodes))
+    vertex = first_vertex[:, None, None] + np.array(FACETS[N])
     column = shape.size * vertex[..., None] + np.arange(shape.size)
-    size = (cells.facets.size * N, len(cells.nodes) * (N + 1) * shape.size)
-    return sparse_rows(values, row[..., None], column[:, :, :, None, :], size)
+
+    rows = cells.facets.size * N
+    columns = len(cells.nodes) * (N + 1) * shape.size
+    places = row[..., None], column[:, :, :, None, :]
+    return sparse_rows(values, *places, (rows, columns))
 
 
 def sparse_rows(

@@ -1,14 +1,16 @@
 """How much a reader has to hold in mind: tokens, packed assignments, length of code lines by room.
 
-``python tests/house/density.py`` prints the table; comments and docstrings do not count.
+``python tests/house/density.py`` prints the table and the ten densest functions; comments and
+docstrings do not count.
 """
 
 import ast
 import io
+import re
 import tokenize
 from dataclasses import dataclass
 
-from sources import ROOT, TOP_LEVEL
+from sources import ROOT, TOP_LEVEL, modules
 
 LAYOUT = {
     tokenize.COMMENT,
@@ -79,6 +81,45 @@ def tokens_of(text):
     )
 
 
+FEWEST_LINES = 8
+"""Lines of code of the functions that are looked at one by one."""
+
+
+WORD = re.compile(r"""(?P<comment>#.*)|"[^"]*"|'[^']*'|\w+|[^\w\s]""")
+"""A token, near enough, and much faster: operators of two characters are two."""
+
+
+def words_of(line):
+    """The number of tokens on a line."""
+    return sum(word["comment"] is None for word in WORD.finditer(line))
+
+
+def densest():
+    """(tokens on a line of code, module.function), the densest functions of the package first."""
+    found = []
+    for module, tree in modules().items():
+        path = ROOT / module.replace(".", "/")
+        path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+        lines = path.read_text(encoding="utf-8").split("\n")
+        for function in functions_in(tree.body):
+            body = function.body[1:] if ast.get_docstring(function) else function.body
+            first = body[0].lineno if body else function.end_lineno + 1
+            words = [words_of(line) for line in lines[first - 1 : function.end_lineno]]
+            code = [number for number in words if number]
+            if len(code) >= FEWEST_LINES:
+                found.append((sum(code) / len(code), f"{module}.{function.name}"))
+    return sorted(found, reverse=True)
+
+
+def functions_in(statements):
+    """The functions of a module and the methods of its classes."""
+    for node in statements:
+        if isinstance(node, ast.FunctionDef):
+            yield node
+        elif isinstance(node, ast.ClassDef):
+            yield from functions_in(node.body)
+
+
 def texts(root=ROOT):
     """Room -> the texts of its modules, and 'all' -> those of all rooms."""
     found = {"all": []}
@@ -105,3 +146,5 @@ if __name__ == "__main__":
         packed = f"{here.packed_per_100_lines:.1f}"
         tokens = sum(map(tokens_of, modules))
         print(f"| `{name}` | {tokens} | {packed} | {here.mean_line:.0f} |")
+    for per_line, name in densest()[:10]:
+        print(f"{per_line:.1f} {name}")

@@ -1,7 +1,7 @@
 """Code that is unpacked, and walks through the rooms that climb no more than they do today."""
 
 import pytest
-from density import density, texts, tokens_of
+from density import densest, density, texts, tokens_of
 from sources import ROOT, TOP_LEVEL
 from walk import Walk, walks
 
@@ -12,6 +12,12 @@ MOST_PACKED = 0.5
 
 LONGEST_MEAN = 40.0
 """Characters of a code line, in the mean over a room."""
+
+MOST_TOKENS = 19.0
+"""Tokens on a line of code, in the mean over a function of eight lines or more."""
+
+AS_SHORT_AS_POSSIBLE = "ngepc.goals.check_receipt."
+"""The checker of receipts, whose reader reads all of it: its lines are counted."""
 
 MOST_CLIMBS = {"a load": 34, "a gamma": 1, "a bound": 6, "a gradient": 3}
 """Calls upwards: methods that a higher room defines for a class of a lower one, and callbacks."""
@@ -28,6 +34,15 @@ def found():
 def test_code_is_unpacked(room, found):
     assert found[room].packed_per_100_lines <= MOST_PACKED
     assert found[room].mean_line <= LONGEST_MEAN
+
+
+def test_no_function_is_dense():
+    dense = [
+        f"{per_line:.1f} {name}"
+        for per_line, name in densest()
+        if per_line > MOST_TOKENS and not name.startswith(AS_SHORT_AS_POSSIBLE)
+    ]
+    assert dense == [], "one thing on a line, and a name for each step"
 
 
 def test_climbs_do_not_increase():
