@@ -141,10 +141,10 @@ def density(modules):
 
 
 if __name__ == "__main__":
-    for name, modules in sorted(texts().items()):
-        here = density(modules)
+    for name, of_room in sorted(texts().items()):
+        here = density(of_room)
         packed = f"{here.packed_per_100_lines:.1f}"
-        tokens = sum(map(tokens_of, modules))
+        tokens = sum(map(tokens_of, of_room))
         print(f"| `{name}` | {tokens} | {packed} | {here.mean_line:.0f} |")
     for per_line, name in densest()[:10]:
         print(f"{per_line:.1f} {name}")

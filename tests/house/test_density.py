@@ -1,7 +1,7 @@
 """Code that is unpacked, and walks through the rooms that climb no more than they do today."""
 
 import pytest
-from density import densest, density, texts, tokens_of
+from density import densest, density, texts, tokens_of, words_of
 from sources import ROOT, TOP_LEVEL
 from walk import Walk, walks
 
@@ -34,6 +34,14 @@ def found():
 def test_code_is_unpacked(room, found):
     assert found[room].packed_per_100_lines <= MOST_PACKED
     assert found[room].mean_line <= LONGEST_MEAN
+
+
+def test_density_of_a_function_is_seen():
+    assert words_of("a = b[1] + c  # sum") == 8
+    assert words_of('name = "two words"') == 3
+    per_line, name = densest()[0]
+    assert per_line > 15
+    assert name.startswith("ngepc.")
 
 
 def test_no_function_is_dense():
