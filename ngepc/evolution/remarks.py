@@ -13,6 +13,7 @@ from ngepc.discretisation.sampled import what_is_unseen
 from ngepc.evolution.memory import Memory
 from ngepc.evolution.result import EvolutionStep
 from ngepc.model.data import order_note
+from ngepc.model.round import round_note
 from ngepc.results.fields import Fields, frobenius
 from ngepc.results.result import (
     SMALL_ROTATION,
@@ -41,7 +42,7 @@ def remarks(steps: Sequence[EvolutionStep], memory: Memory) -> str:
     few = few_facets(pressed.contact_facets, pressed.contact_nodes)
     found += [f"At time {pressed.time:g}: {few}"] if few else []
     resolved = partial(unresolved_data, points=memory.functions.points)
-    notes = (order_note, what_is_unseen, resolved, nearer_between_nodes)
+    notes = (order_note, round_note, what_is_unseen, resolved, nearer_between_nodes)
     found += filter(None, (note(problem) for note in notes))
     maximum = problem.processes.maximum
     sizes = [

@@ -32,6 +32,7 @@ from ngepc.local.solver import solve_exactly
 from ngepc.local.system import State
 from ngepc.model.data import DefaultOrder
 from ngepc.model.problem import Problem
+from ngepc.model.round import round_note
 
 PASS = "PASS"
 FAIL = "FAIL"
@@ -40,6 +41,9 @@ FINEST = 1e-6
 """The relative error that meshes aim at; the limit is usually decided before it is reached."""
 TOLERANCE = 1e-9
 MOST_STEPS = 100
+
+SIDES = 1e-3
+"""A larger part that straight sides cut off a round body is said beside a bound, which lacks it."""
 
 STRESS_FREE = 1e-9
 """Stresses that are smaller, relative to those without initial strains, are rounding errors."""
@@ -214,6 +218,9 @@ def confidence(result: object) -> str:
 
     The percentage is that of the strain energy, ``ErrorBound.strain_energy``.
 
+    Of a round body with straight sides it is that of the body which the mesh fills; what these cut
+    off is said if it is more than 0.1 percent.
+
     A guaranteed bound if the problem has one; otherwise an estimate by another order or by one
     refinement of the mesh, which costs one more solve.  For a history: the distance of its steps
     from those of the continuous problem, or the line of its last step if that has no bound.
@@ -233,6 +240,12 @@ def confidence(result: object) -> str:
     if hasattr(type(result), "distance_bound"):
         return _of_history(result)
     problem = solved_problem(result)
+    sides = round_note(problem, SIDES)
+    return " ".join(filter(None, [_of_result(result, problem), sides]))
+
+
+def _of_result(result: object, problem: Problem) -> str:
+    """The bound or the estimate."""
     try:
         bound = error_bound(result)
     except (ValueError, RuntimeError) as error:

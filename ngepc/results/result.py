@@ -31,6 +31,7 @@ from ngepc.model.elements import plastic_points, vertex_coordinates
 from ngepc.model.own import require_same_elements, require_same_mesh
 from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
+from ngepc.model.round import round_note
 from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.fields import Fields, Quantities, frobenius
 from ngepc.results.outcome import Ending, History, Status
@@ -404,7 +405,7 @@ class DiscreteSolution(Result):
                 "refine the contact boundary there."
             )
         resolved = partial(unresolved_data, points=self._points)
-        notes = (order_note, what_is_unseen, resolved, nearer_between_nodes)
+        notes = (order_note, round_note, what_is_unseen, resolved, nearer_between_nodes)
         found += filter(None, (note(self.problem) for note in notes))
         return found
 

@@ -1,0 +1,64 @@
+"""What straight sides cut off round bodies, against regular polygons in a circle."""
+
+import math
+
+import pytest
+from netgen.occ import Cylinder, OCCGeometry, WorkPlane, Z
+from ngsolve import Mesh
+
+from ngepc import Material, Problem, confidence, evolve, load_cycle, semismooth_newton
+from ngepc.geometries import block, lshape
+from ngepc.model.round import cut_off, round_note
+
+METAL = Material.metal(
+    young=1000.0, poisson=0.3, yield_stress=5.0, tangent_modulus=50.0
+)
+
+
+def disc(maxh):
+    circle = WorkPlane().Circle(0, 0, 1).Face()
+    circle.edges.name = "rim"
+    return Mesh(OCCGeometry(circle, dim=2).GenerateMesh(maxh=maxh))
+
+
+@pytest.mark.parametrize("maxh", [0.5, 0.2])
+def test_a_polygon_in_a_circle(maxh):
+    """Area and length are those of sin(t)/t and sin(t/2)/(t/2); arcs of order two are close."""
+    mesh = disc(maxh)
+    t = 2 * math.pi / len(list(mesh.Boundaries("rim").Elements()))
+    parts = cut_off(mesh)
+    assert parts[""] == pytest.approx(1 - math.sin(t) / t, rel=0.1 * t)
+    assert parts["rim"] == pytest.approx(1 - 2 * math.sin(t / 2) / t, rel=0.1 * t)
+
+
+def test_straight_and_curved_bodies_lack_nothing():
+    for mesh in (block.structured_mesh(2, 2, 2), lshape.mesh(maxh=0.3)):
+        assert max(map(abs, cut_off(mesh).values())) < 1e-12
+    curved = disc(0.5)
+    curved.Curve(2)
+    assert cut_off(curved) == {}
+
+
+def test_messages_say_it():
+    """From one percent on; beside bounds, which are those of the polygon, from a thousandth on."""
+    coarse, fine = (
+        Problem(disc(h), METAL, None, springs={"rim": (1.0, 1.0)}, body_force=(1.0, 0))
+        for h in (0.5, 0.2)
+    )
+    said = round_note(coarse)
+    assert said.startswith("Straight sides of a round body: the area of the body is ")
+    assert said in semismooth_newton(coarse).message
+    assert said in evolve(coarse, load_cycle(coarse, [1.0], steps=1)).message
+    result = semismooth_newton(fine)
+    assert "Straight sides" not in result.message
+    assert "Straight sides" in confidence(result)
+
+
+def test_faces_that_lack_something_are_named():
+    rod = Cylinder((0, 0, 0), Z, 1, 1) - Cylinder((0, 0, -1), Z, 0.6, 3)
+    rod.faces.name = "side"
+    rod.faces.Max(Z).name = "end"
+    mesh = Mesh(OCCGeometry(rod).GenerateMesh(maxh=0.6))
+    parts = cut_off(mesh)
+    assert parts["end"] == max(parts.values(), key=abs)
+    assert "the area of 'end' is " in round_note(Problem(mesh, METAL, "side"))
