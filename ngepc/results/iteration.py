@@ -343,8 +343,8 @@ def no_descent(here: Iterate) -> tuple[Status, str]:
 def limited_by_rounding(here: Iterate, after: str) -> str:
     """The message for a tolerance below the rounding error of the residual."""
     cause = slender_elements(here) or (
-        "The stress is a small difference of large strains, and the hardening is small compared "
-        "with the elastic moduli."
+        "Stresses are small differences of large ones: hardening or springs are small compared "
+        "with the elastic moduli, or the body is nearly incompressible."
     )
     return (
         f"{after} relative residual is {here.residual_norm:.3g}. Rounding errors leave about "
