@@ -222,9 +222,9 @@ FEATURES = {
         "thickness=None, a body of thickness 1", _present, "thickness"
     ),
     "order 2": _feature("displacements of order 1 (order=1)", _order),
-    "quadrilaterals": _feature("triangles, all of them", _quadrilaterals),
-    "hexahedra": _feature("tetrahedra, all of them", _solid_shape, "hexahedra", 8),
-    "prisms": _feature("tetrahedra, all of them", _solid_shape, "prisms", 6),
+    "quadrilaterals": _feature("triangles only", _quadrilaterals),
+    "hexahedra": _feature("tetrahedra only", _solid_shape, "hexahedra", 8),
+    "prisms": _feature("tetrahedra only", _solid_shape, "prisms", 6),
     "curved elements": _feature("straight edges (mesh.Curve(1) makes them)", _curved),
     "shared mesh": _feature("a mesh of one process", _shared),
     "kinematic hardening": _feature(
