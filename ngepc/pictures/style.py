@@ -1,8 +1,8 @@
 """The style of all figures: style sheet, colours, and figures that notebooks display.
 
 Where a script has imported ``matplotlib.pyplot``, a new picture is its current figure, so that
-``plt.savefig``, ``plt.title`` and ``plt.show`` find it.  No other pyplot state is touched, so that
-figures work in notebooks, scripts and servers alike.
+``plt.savefig``, ``plt.title`` and ``plt.show`` find it.  No pyplot state is touched in notebooks
+and servers.
 """
 
 import base64
@@ -64,12 +64,20 @@ class Picture(Figure):
 def new_picture(**options: object) -> Picture:
     """A picture for the user: pyplot's current figure where the script has imported pyplot.
 
-    Not in threads, in which servers draw.  ``options`` are those of ``Figure``.
+    Not in threads, in which servers draw, nor in notebooks, which show a picture themselves and
+    would show it twice.  ``options`` are those of ``Figure``.
     """
     pyplot = sys.modules.get("matplotlib.pyplot")
-    if pyplot is None or threading.current_thread() is not threading.main_thread():
+    main = threading.current_thread() is threading.main_thread()
+    if pyplot is None or not main or in_notebook():
         return Picture(**options)
     return pyplot.figure(FigureClass=Picture, **options)
+
+
+def in_notebook() -> bool:
+    """Whether a kernel of Jupyter runs this."""
+    ipython = sys.modules.get("IPython")
+    return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
 
 
 def put_away(figure: Figure) -> None:

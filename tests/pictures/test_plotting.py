@@ -6,6 +6,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from io import BytesIO
+from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -100,8 +101,8 @@ FIGURES = {
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_are_those_of_pyplot_until_a_notebook_has_shown_them(name, request):
-    """So that plt.savefig, plt.title and plt.show find them, and notebooks show them once."""
+def test_figures_are_those_of_pyplot_until_they_are_written(name, request):
+    """So that plt.savefig, plt.title and plt.show find them."""
     if "3D" in name:
         request.getfixturevalue("draws_solids")
     before, figure = plt.get_fignums(), FIGURES[name]()
@@ -119,12 +120,18 @@ def test_figures_are_those_of_pyplot_until_a_notebook_has_shown_them(name, reque
     assert plt.get_fignums() == before
 
 
-def test_without_pyplot_and_in_threads_figures_are_nobody_elses(monkeypatch):
+def test_without_pyplot_in_threads_and_notebooks_figures_are_free(monkeypatch):
     before = plt.get_fignums()
+    drawn = FIGURES["counts"]
     with ThreadPoolExecutor(1) as pool:
-        threaded = pool.submit(FIGURES["counts"]).result()
+        threaded = pool.submit(drawn).result()
+    shell = SimpleNamespace(kernel=None)
+    with monkeypatch.context() as notebook:
+        kernel = SimpleNamespace(get_ipython=lambda: shell)
+        notebook.setitem(sys.modules, "IPython", kernel)
+        shown = drawn()
     monkeypatch.delitem(sys.modules, "matplotlib.pyplot")
-    for figure in (threaded, FIGURES["counts"]()):
+    for figure in (threaded, shown, drawn()):
         assert figure._repr_png_().startswith(b"\x89PNG")
     assert plt.get_fignums() == before
 
