@@ -50,8 +50,12 @@ R6 = np.sqrt(6.0)
 ZETA_STEPS = 6  # most Newton steps for zeta where the stress yields
 ZETA_ACCURACY = 1e-5
 """They end at a change of this size relative to the stress; what is left is about its square."""
-UNREACHED = 1.0
-"""Finite value used in place of an infinite |p| while a stress is searched."""
+UNREACHED = 0.01
+"""Finite value used in place of an infinite |p| while a stress is searched.
+
+It is about the plastic strain where curves end: large ones draw the stress of few cells below the
+largest one of the law, and with it that of others above it.
+"""
 
 # m, and the coordinates of d, by those in the plane where sigma_zz = 0
 THIN = np.array([[2 / 3, 0, 0], [0, 1, 0], [R6 / 3, 0, 0], [0, 0, 1]])
