@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import ALTERNATING, CASES, pressed_body
+from bodies import ALTERNATING, pressed_body
 from saddle_forms import SaddleForms
 
 from ngepc import (
@@ -27,7 +27,6 @@ CHOLESKY = "sparsecholesky"
 
 DIRECT = (CHOLESKY, "umfpack")
 
-every_case = pytest.mark.parametrize(("shape", "kinematics", "order"), CASES)
 in_turn = pytest.mark.parametrize(("shape", "kinematics", "order"), ALTERNATING)
 
 
@@ -126,7 +125,7 @@ def test_the_primal_method_says_that_it_has_forms_of_its_own():
         )
 
 
-@every_case
+@in_turn
 def test_tangent_is_the_derivative_of_the_internal_forces(shape, kinematics, order):
     """With w = beta s/|s|: central differences of the forces, and of the energy."""
     discrete = DiscreteProblem(pressed_body(shape, kinematics, order))
@@ -149,7 +148,7 @@ def test_tangent_is_the_derivative_of_the_internal_forces(shape, kinematics, ord
     )
 
 
-@every_case
+@in_turn
 def test_matrix_is_the_product_with_moduli(shape, kinematics, order):
     """Stiffness.fill: K u = B' C B u at free components, for any symmetric moduli."""
     discrete = DiscreteProblem(pressed_body(shape, kinematics, order))

@@ -45,8 +45,7 @@ def opaque(image):
 
 
 @pytest.mark.parametrize(
-    ("around", "above", "face"),
-    [(180, 0, 0), (0, 0, 1), (-90, 0, 2), (90, 0, 3), (30, -90, 4), (30, 90, 5)],
+    ("around", "above", "face"), [(180, 0, 0), (90, 0, 3), (30, 90, 5)]
 )
 def test_the_face_in_front_is_seen_in_its_colour(around, above, face):
     image, scale = seen(around, above)

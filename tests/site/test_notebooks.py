@@ -174,7 +174,7 @@ def execute():
     """Run notebooks in one kernel, which takes seconds to start: each in a folder, without names.
 
     ``make docs`` gives each its own.  Pictures are drawn, but coarsely, without ticks and not laid
-    out, which take a third of the time and are tested with the pictures.
+    out: that is tested with the pictures.
     """
     new = nbformat().v4
     client = importlib.import_module("nbclient").NotebookClient(
