@@ -5,6 +5,7 @@ from ngsolve import CF, Integrate, Mesh
 from ngepc.checks.sentences import in_percent
 from ngepc.model.data import ProblemData
 from ngepc.model.elements import is_straight
+from ngepc.model.processes import processes_of
 
 CUT = 0.01
 """A larger part of the volume, or of a boundary, is said in messages."""
@@ -17,10 +18,11 @@ def cut_off(mesh: Mesh) -> dict[str, float]:
     """Part of the volume (area for N = 2), and of the boundary of each name, that is missing.
 
     The volume has the name "".  Parts are relative to elements of order two on the geometry that
-    the mesh was made from, and negative where straight sides add something.  Empty for curved
-    meshes, and zero where the geometry is not known.
+    the mesh was made from, and negative where straight sides add something.  Empty for curved and
+    shared meshes, and zero where the geometry is not known.
     """
-    if not is_straight(mesh) or mesh.comm.size > 1 or mesh.ne > MOST_ELEMENTS:
+    shared = max(processes_of(mesh).size, mesh.comm.size) > 1
+    if shared or not is_straight(mesh) or mesh.ne > MOST_ELEMENTS:
         return {}
     curved = Mesh(mesh.ngmesh.Copy())
     curved.Curve(2)
@@ -29,7 +31,7 @@ def cut_off(mesh: Mesh) -> dict[str, float]:
         straight, round_ = (
             Integrate(CF(1), m, definedon=m.Boundaries(name)) for m in (mesh, curved)
         )
-        parts[name] = 1 - straight / round_
+        parts[name] = 1 - straight / round_ if round_ else 0.0
     return parts
 
 
