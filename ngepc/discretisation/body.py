@@ -265,18 +265,29 @@ class Iterate:
         return self.body.contact.processes
 
     @cached_property
-    def force_scale(self) -> float:
-        """The force that residuals are relative to."""
+    def _forces(self) -> float:
+        """The size of loads, internal forces and of the contact defect."""
         sizes = [
             self._processes.norm(a) for a in (self.body.load, self.internal_forces)
         ]
-        size = max(*sizes, self.contact_defect)
+        return max(*sizes, self.contact_defect)
+
+    @cached_property
+    def force_scale(self) -> float:
+        """The force that residuals are relative to."""
         rounding = ROUNDING_SCALE * self.trial_forces
-        return (
-            size
-            if rounding <= size
-            else max(size, min(rounding, self.body.yield_forces))
-        )
+        if rounding <= self._forces:
+            return self._forces
+        return max(self._forces, min(rounding, self.body.yield_forces))
+
+    @property
+    def hidden_by_rounding(self) -> bool:
+        """Whether residuals are relative to more than the forces of the body.
+
+        So it is where strains are small beside |u| over the size of the elements, in bending of
+        slender bodies for example.  Then a small residual does not say that u is accurate.
+        """
+        return self.force_scale > self._forces
 
     @cached_property
     def trial_forces(self) -> float:

@@ -148,7 +148,7 @@ class Factors:
             self._inverse.Mult(self._right, self._left)
         if self.back_substitutions == 1 and self._in_blocks:
             rest = (self._right - self._matrix * self._left).Evaluate()
-            if rest.Norm() > LOST * self._right.Norm():
+            if not rest.Norm() <= LOST * self._right.Norm():  # also if it is NaN
                 self._in_blocks = False
                 self._factorise()
                 self._inverse.Mult(self._right, self._left)

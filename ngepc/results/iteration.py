@@ -53,6 +53,9 @@ NEAR = 1e-2
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
 
+SAME_ENERGY = 1e-8
+"""Part of the energy by which the last step may lower it where rounding hides the residual."""
+
 SLENDER = 300.0
 """Elements that are more times as long as thick are named as a cause of rounding errors."""
 
@@ -135,16 +138,17 @@ def newton_iteration(
                 snapshot = partial(result, state, Status.STOPPED)
                 show_iterate(monitor, history, snapshot, state)
             status, message = end_of(state, before, history, tolerance, max_iterations)
-            if status is Status.CONVERGED and state.body.contact.friction.d:
-                status, message = uniqueness(state.with_radial_return(), tangent)
             if status is None:
                 following = newton_step(state, tangent, target, before, tolerance)
                 before = state.residual_norm
                 if following is None:
-                    status, message = no_descent(state)
+                    within = is_within(state, tolerance)
+                    status, message = no_descent(state, within, falls(history))
                 else:
                     state, length, trials = following
                     state = replaced(state, history, second)
+            if status is Status.CONVERGED and state.body.contact.friction.d:
+                status, message = uniqueness(state.with_radial_return(), tangent)
     except FactorisationError as error:
         status = Status.NONFINITE
         message = f"{error}."
@@ -307,8 +311,11 @@ def end_of(
     residual = here.residual_norm
     if not np.isfinite(residual + here.energy):
         return Status.NONFINITE, "The energy or the residual is NaN or infinite."
-    if residual <= tolerance and here.penetration <= here.touching_distance:
-        return Status.CONVERGED, ""
+    if is_within(here, tolerance):
+        if not (here.hidden_by_rounding and falls(history)):
+            return Status.CONVERGED, ""
+        if steps < max_iterations:
+            return None, ""
     if here.body.floating.unheld:
         return Status.UNHELD, here.body.floating.unheld
     if here.flowing > FREE:
@@ -330,26 +337,49 @@ def end_of(
     return None, ""
 
 
-def no_descent(here: Iterate) -> tuple[Status, str]:
-    """Why no step length lowers the energy."""
-    if here.residual_norm <= here.rounding:
-        return Status.STAGNATED, limited_by_rounding(here, "The")
+def is_within(here: Iterate, tolerance: float) -> bool:
+    """Whether residual and penetration of a state are small enough."""
+    feasible = here.penetration <= here.touching_distance
+    return feasible and here.residual_norm <= tolerance
+
+
+def falls(history: History) -> bool:
+    """Whether the last step has lowered the energy by more than ``SAME_ENERGY`` of it.
+
+    The energy is quadratic in the error of u, and rounding changes it by less.
+    """
+    if len(history.records) < 2:
+        return False
+    before, last = (record.energy for record in history.records[-2:])
+    return before - last > SAME_ENERGY * abs(last)
+
+
+def no_descent(here: Iterate, within: bool, falling: bool) -> tuple[Status, str]:
+    """The status and message where no step length lowers the energy.
+
+    ``within``: the residual is small enough; ``falling``: the last step has lowered the energy.
+    """
+    if within and not falling:
+        return Status.CONVERGED, ""
+    if within or here.residual_norm <= here.rounding:
+        return Status.STAGNATED, limited_by_rounding(here, "The", within)
     text = f"No step length lowers the energy at the relative residual {here.residual_norm:.3g}"
     if slender := slender_elements(here):
         return Status.LINESEARCH_FAILED, f"{text}. {slender}"
     return Status.LINESEARCH_FAILED, f"{text}; try a smaller load step."
 
 
-def limited_by_rounding(here: Iterate, after: str) -> str:
-    """The message for a tolerance below the rounding error of the residual."""
+def limited_by_rounding(here: Iterate, after: str, within: bool = False) -> str:
+    """The message for a residual that rounding errors determine, ``within`` the tolerance or not."""
     cause = slender_elements(here) or (
         "Stresses are small differences of large ones: hardening or springs are small compared "
         "with the elastic moduli, or the body is nearly incompressible."
     )
-    return (
-        f"{after} relative residual is {here.residual_norm:.3g}. Rounding errors leave about "
-        f"{here.rounding:.2g}. {cause} A tolerance above {1.1 * here.rounding:.2g} can be met."
-    )
+    left = f"{here.residual_norm:.3g}. Rounding errors leave about {here.rounding:.2g}"
+    text = f"{after} relative residual is {left}. {cause}"
+    if within:
+        return text
+    return f"{text} A tolerance above {1.1 * here.rounding:.2g} can be met."
 
 
 def slender_elements(here: Iterate) -> str:

@@ -207,7 +207,8 @@ def draw_rates(records: Sequence[dict]) -> Picture:
                 axes.loglog(nodes, error, "o", ms=3, **style)
         axes.set(title=title, xlabel="nodes", ylabel="bound (lines), error (dots)")
         axes.tick_params("x", which="minor", labelbottom=False)
-        axes.legend(frameon=False, loc="lower left")
+        if axes.get_lines():
+            axes.legend(frameon=False, loc="lower left")
     return figure
 
 
