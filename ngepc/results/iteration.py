@@ -370,7 +370,7 @@ def no_descent(here: Iterate, within: bool, falling: bool) -> tuple[Status, str]
 
 
 def limited_by_rounding(here: Iterate, after: str, within: bool = False) -> str:
-    """The message for a residual that rounding errors determine, ``within`` the tolerance or not."""
+    """The message for a residual of rounding errors, ``within`` the tolerance or not."""
     cause = slender_elements(here) or (
         "Stresses are small differences of large ones: hardening or springs are small compared "
         "with the elastic moduli, or the body is nearly incompressible."
