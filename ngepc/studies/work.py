@@ -94,6 +94,7 @@ class Work(ABC):
 
     def run(self) -> list[dict]:
         """Solve all cells; returns their records."""
+        _ = self.code, self.started_on  # those of the start
         cells = self.cells()
         found = []
         for number, cell in enumerate(cells, 1):
@@ -107,7 +108,23 @@ class Work(ABC):
         return self.folder / "cells" / (re.sub(r"[^\w.+-]", "_", named) + ".npz")
 
     @cached_property
+    def started_on(self) -> str | None:
+        """``commit`` when the cells began to be solved."""
+        return commit()
+
+    @cached_property
     def code(self) -> str:
+        """``code_today`` when the cells began to be solved."""
+        return self.code_today()
+
+    def made_on(self) -> str | None:
+        """The commit at the start of the run, with + also if code was changed since then."""
+        if self.started_on is None or self.code_today() == self.code:
+            return self.started_on
+        self.progress(f"code was changed during the run: {self.started_on} gets a +")
+        return self.started_on.rstrip("+") + "+"
+
+    def code_today(self) -> str:
         """A digest of the package, and of the folder with the file of the study."""
         files = set(PACKAGE.rglob("*.py"))
         module = inspect.getmodule(type(self))
@@ -172,7 +189,7 @@ class Work(ABC):
             [entry.replace("|", "\\|") for entry in row] for row in (heads, *rows)
         ]
         escaped.insert(1, ["---"] * len(heads))
-        made_with = {**provenance(), "commit": commit()}
+        made_with = {**provenance(), "commit": self.made_on()}
         lines = [
             f"# {self.title}",
             "",

@@ -92,7 +92,7 @@ def up_to_date(name, entry):
 
 
 def run(name):
-    """Make a result; its time is added to that of the attempts that were interrupted.
+    """Make a result; its time is added to that of attempts which Ctrl-C has ended.
 
     It is finished when its table is written, also where the command ends with 1 because the table
     has a cell that did not converge.
@@ -104,8 +104,7 @@ def run(name):
     start = time.perf_counter()
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     try:
-        words = program(commands()[name])
-        ended = subprocess.run(words, cwd=HERE, env=surroundings()).returncode
+        ended = status_of(program(commands()[name]))
     finally:
         now = resource.getrusage(resource.RUSAGE_CHILDREN)
         spent = now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime
@@ -122,6 +121,20 @@ def run(name):
     written = (RESULTS / f"{name}.json").stat().st_mtime
     write(name, {**entry, "finished": written >= begun})
     return ended
+
+
+def status_of(words):
+    """The exit status of a command; if this is interrupted, the command is ended first.
+
+    Only processes that were waited for have their time in that of the children.
+    """
+    with subprocess.Popen(words, cwd=HERE, env=surroundings()) as process:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            process.terminate()
+            process.wait()
+            raise
 
 
 def write(name, entry):

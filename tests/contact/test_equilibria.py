@@ -11,7 +11,7 @@ from ngepc import Coulomb, Material, Problem, Status, semismooth_newton
 from ngepc.geometries import block
 
 
-@pytest.mark.parametrize(("law", "seed"), zip(LAWS, (3, 8, 3), strict=True))
+@pytest.mark.parametrize(("law", "seed"), list(zip(LAWS, (3, 8, 3), strict=True)))
 def test_statuses_say_how_many_equilibria_there_are(law, seed):
     """A problem of each law; the campaign of equilibria judges hundreds."""
     wrong, _ = judged(random_problem(seed, law))

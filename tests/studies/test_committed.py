@@ -5,12 +5,18 @@
 
 import json
 import math
+import os
 import re
 import shlex
 import shutil
+import signal
 import subprocess
+import sys
+import time
 from pathlib import Path
+from threading import Thread
 
+import numpy as np
 import pytest
 from campaigns import remake
 from campaigns.__main__ import arguments
@@ -196,6 +202,39 @@ def test_a_result_of_this_commit_is_up_to_date(monkeypatch):
     monkeypatch.setattr(remake, "times", lambda: known)
     monkeypatch.setattr(remake, "same_code", lambda name, entry: True)
     assert waiting(["bounds", "table1", "table2"]) == ["table2", "table1"]
+
+
+BURNS = """
+import pathlib, time
+while time.process_time() < 0.5:
+    pass
+pathlib.Path({ready!r}).touch()
+time.sleep(60)
+"""
+
+
+def interrupt_once(ready):
+    """Ctrl-C as soon as the file is there."""
+    while not ready.exists():
+        time.sleep(0.01)
+    ready.unlink()
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_attempts_that_are_interrupted_add_up(tmp_path, monkeypatch):
+    """The CPU time of each is counted, though its command has not ended by itself."""
+    ready = tmp_path / "ready"
+    words = [sys.executable, "-c", BURNS.format(ready=str(ready))]
+    monkeypatch.setattr(remake, "TIMES", tmp_path / "times.json")
+    monkeypatch.setattr(remake, "program", lambda command: words)
+    monkeypatch.setattr(remake, "same_code", lambda name, entry: True)
+    spent = [0.0]
+    for _ in range(2):
+        Thread(target=interrupt_once, args=[ready], daemon=True).start()
+        with pytest.raises(KeyboardInterrupt):
+            remake.run("bounds")
+        spent.append(remake.times()["bounds"]["cpu_s"])
+    assert (np.diff(spent) > 0.4).all()  # stored to a tenth of a second
 
 
 def test_a_campaign_is_made_with_its_module_and_the_package():

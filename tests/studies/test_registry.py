@@ -1,28 +1,28 @@
 """The registry: every study exists, takes the options it lists, and keeps its own defaults."""
 
 import inspect
+import json
 
 import pytest
 
 from ngepc.cli.commands import STUDIES, parser
 from ngepc.cli.work import study_class
+from ngepc.studies import work
 from ngepc.studies.locking import Locking
 from ngepc.studies.work import Work
 
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_takes_its_options(name, tmp_path):
-    work, options = (
-        study_class(STUDIES[name]),
-        set(vars(parser().parse_args(["study", name]))),
-    )
+    study = study_class(STUDIES[name])
+    options = set(vars(parser().parse_args(["study", name])))
     options -= {"command", "study", "out", "quiet", "verbose"}
-    assert issubclass(work, Work)
-    assert work.name == name
-    parameters = inspect.signature(work).parameters
+    assert issubclass(study, Work)
+    assert study.name == name
+    parameters = inspect.signature(study).parameters
     assert options <= set(parameters), "Command(..., options) and the class must agree"
     assert all(parameters[o].default is not inspect.Parameter.empty for o in options)
-    assert inspect.getdoc(work)
+    assert inspect.getdoc(study)
 
 
 def test_success_looks_at_every_status(tmp_path):
@@ -49,11 +49,11 @@ class Bars(Work):
 
 
 def test_tables_escape_bars_and_flatten_records(tmp_path):
-    work = Bars(tmp_path / "new")
-    csv, markdown, json = work.write(work.run())
+    study = Bars(tmp_path / "new")
+    csv, markdown, data = study.write(study.run())
     assert csv.read_text().startswith("a,list,deep_x\n1,1.5 ,2\n")
     assert "| \\|u\\| | none |\n| --- | --- |\n| 1\\|b |  |" in markdown.read_text()
-    assert '"left out"' in json.read_text()
+    assert '"left out"' in data.read_text()
 
 
 def test_a_cell_is_solved_once(tmp_path, monkeypatch):
@@ -80,6 +80,22 @@ def test_a_cell_of_other_code_is_solved_again(tmp_path, monkeypatch):
 
 def test_the_code_of_a_study_is_the_package_and_its_own_folder(tmp_path):
     assert Bars(tmp_path).code == Bars(tmp_path).code != Locking(tmp_path).code
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_a_table_records_the_commit_at_the_start(changed, tmp_path, monkeypatch):
+    """Commits that come during the run change nothing; code that changes is said and marked."""
+    said = []
+    study = Bars(tmp_path, progress=said.append)
+    monkeypatch.setattr(work, "commit", lambda: "begun")
+    records = study.run()
+    del said[:]
+    monkeypatch.setattr(work, "commit", lambda: "later")
+    if changed:
+        monkeypatch.setattr(Bars, "code_today", lambda self: "other")
+    data = json.loads(study.write(records)[-1].read_text())
+    assert data["commit"] == ("begun+" if changed else "begun")
+    assert said == ["code was changed during the run: begun gets a +"] * changed
 
 
 def test_a_cell_of_other_work_is_refused(tmp_path):
