@@ -241,18 +241,25 @@ def _prescribed(state: State, other: ProblemData, change: object) -> Data:
     return Data(values=supports.values, gaps=gaps)
 
 
+def _given(problem: Problem, datum: str) -> object:
+    """A datum of the problem or its material, None if there is none."""
+    given = getattr(problem.material if datum in MATERIAL else problem, datum, None)
+    return None if given == {} else given
+
+
 def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
     """A datum and its change, by single boundary if it has boundaries; the default for None."""
     datum, _, boundary = direction.datum.partition(":")
     change = direction.change
-    given = getattr(problem.material if datum in MATERIAL else problem, datum, None)
-    missing = given is None or given == {}
+    given = _given(problem, datum)
     if (
-        missing
+        given is None
         and datum != "shape"
         and (change is None or datum in ("friction", "gap"))
     ):
-        raise ValueError(f"parameters={datum!r}: the problem has none")
+        loads = ", ".join(name for name in LOADS if _given(problem, name) is not None)
+        hint = f", its loads are: {loads}" if datum in LOADS and loads else ""
+        raise ValueError(f"parameters={datum!r}: the problem has none{hint}")
     if change is None:
         given = given.coefficient if isinstance(given, Coulomb) else given
         change = 1.0 if datum == "gap" or is_number(given) else given

@@ -188,7 +188,7 @@ def test_the_answer_is_a_mapping_that_says_what_it_is_worth(lshape_result):
     [
         ("friction", "the problem has none"),
         ("young", "one of lame_lambda"),
-        ("body_force", "the problem has none"),
+        ("body_force", "the problem has none, its loads are: traction"),
         ("initial_plastic_strain", "the problem has none"),
         ("prescribed", "the problem has none"),
         ("traction:left", "one of load is needed"),

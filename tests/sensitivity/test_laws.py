@@ -279,12 +279,12 @@ def test_data_that_a_law_has_not(name):
 
 @pytest.mark.parametrize("kind", ["isotropic", "kinematic"])
 def test_derivatives_by_numbers_of_a_data_sheet(kind):
-    """By R and H' of ``Material.metal``, as docs/sensitivities.md has them."""
+    """By R, H' and E of ``Material.metal``, as docs/sensitivities.md has them."""
 
     def bent(given):
-        yield_stress, plastic_modulus = given
+        yield_stress, plastic_modulus, young = given
         metal = Material.metal(
-            young=210e3,
+            young=young,
             poisson=0.3,
             yield_stress=yield_stress,
             plastic_modulus=plastic_modulus,
@@ -299,20 +299,24 @@ def test_derivatives_by_numbers_of_a_data_sheet(kind):
         sagging = solved.displacement[1] * ds("right")
         return Integrate(sagging, solved.problem.mesh)
 
-    data = np.array([170.0, 700.0])
+    data = np.array([170.0, 700.0, 210e3])
     result = semismooth_newton(bent(data))
     metal = result.problem.material
     modulus = "hardening_stiffness" if kind == "isotropic" else "hardening"
     slopes = gradient(
-        result, lambda u, p, stress: u[1] * ds("right"), ["yield_stress", modulus]
+        result,
+        lambda u, p, stress: u[1] * ds("right"),
+        ["yield_stress", modulus, "lame_lambda", "lame_mu"],
     )
+    lame = ("lame_lambda", "lame_mu")
+    by_young = sum(getattr(metal, name) * slopes[name] for name in lame) / 210e3
     by_bound = slopes["yield_stress"]
     by_modulus = slopes[modulus]
     if kind == "isotropic":
         ratio = 2 * metal.hardening_stiffness / metal.yield_stress
         by_bound = by_bound - ratio * by_modulus
         by_modulus = by_modulus / (metal.hardening_modulus * metal.yield_stress) ** 2
-    found = np.array([np.sqrt(2 / 3) * by_bound, 2 / 3 * by_modulus])
+    found = np.array([np.sqrt(2 / 3) * by_bound, 2 / 3 * by_modulus, by_young])
     steps = 1e-4 * np.diag(data)
     central = [(sag(data + h) - sag(data - h)) / (2 * h.sum()) for h in steps]
     assert abs(found / central - 1).max() < 1e-5
