@@ -10,7 +10,12 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 
 from ngepc.checks.arguments import require_number
-from ngepc.checks.kinds import require_instance, require_mapping, require_text
+from ngepc.checks.kinds import (
+    require_instance,
+    require_mapping,
+    require_sequence,
+    require_text,
+)
 from ngepc.checks.sentences import counted, in_words
 from ngepc.evolution.result import Evolution
 from ngepc.model.problem import Problem
@@ -189,6 +194,8 @@ def quantity_of(argument: str, history: Evolution, quantity: Quantity) -> list[f
     if callable(quantity):
         return [float(value) for value in history.values(quantity)]
     if not isinstance(quantity, str):
+        needed = "numbers, one for each step, a name, or a function of the fields"
+        require_sequence(argument, quantity, needed)
         numbers = [float(value) for value in quantity]
         if len(numbers) != len(history.steps):
             raise ValueError(

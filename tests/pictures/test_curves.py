@@ -5,7 +5,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from ngepc import evolve, load_cycle, lshape_problem, plot_curve, semismooth_newton
+from ngepc import (
+    DisplacementAt,
+    evolve,
+    load_cycle,
+    lshape_problem,
+    plot_curve,
+    semismooth_newton,
+)
 from ngepc.geometries import lshape
 from ngepc.pictures import UnitNames
 
@@ -63,6 +70,18 @@ def test_words_have_units_where_they_are_given():
 def test_unknown_quantities_are_named(x, message):
     with pytest.raises(ValueError, match=message):
         plot_curve(history(), x)
+
+
+@pytest.mark.parametrize(
+    ("y", "message"),
+    [
+        (DisplacementAt((1.0, 0.5), 0), r"y=DisplacementAt.*a function of the fields"),
+        (None, "y=None: a sequence of numbers, one for each step, a name"),
+    ],
+)
+def test_what_is_no_quantity_is_refused_by_name(y, message):
+    with pytest.raises(TypeError, match=message):
+        plot_curve(history(), y=y)
 
 
 def test_steps_know_their_contact_pressure():
