@@ -25,7 +25,6 @@ from scipy.sparse.linalg import norm
 
 from ngepc.discretisation.gap_records import (
     JUMP,
-    ZERO_GAP,
     NodeGaps,
     facet_records,
     row_coefficients,
@@ -112,7 +111,6 @@ class RowGaps:
         if self.coefficients is not None:
             own = self._mean(known.coefficient)
             size = JUMP * (np.abs(own) + np.abs(gaps))
-            size += ZERO_GAP * np.abs(known.gap).max(initial=0.0)
             gaps = self.coefficients @ gaps
             gaps = np.where(np.abs(gaps - own) > size, own, gaps)
             lowest = np.maximum.reduceat(known.least[sums.indices], sums.indptr[:-1])

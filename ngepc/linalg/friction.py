@@ -151,12 +151,9 @@ def lowered_in_box(
         step[free] = -np.linalg.solve(W.block(free), w[free])
         if not np.isfinite(step).all():
             break
-        nearer = np.clip(x + step, low, high)
-        whole = np.array_equal(nearer, x + step)
-        moved = nearer - x
-        if not whole and moved @ (w + W @ moved / 2) >= 0:
-            nearer = up_to_the_first_bound(x, step, low, high)
-        x = nearer
+        ahead = x + step
+        x = cut_off_at_bounds(W, w, x, step, low, high)
+        whole = np.array_equal(x, ahead)
         caused = W @ (x - forces)
         held |= (x <= low) | (x >= high)
         if whole:
@@ -169,6 +166,25 @@ def lowered_in_box(
                 return x - forces, True
             held[np.argmax(np.where(inwards, w**2 / W.diagonal, 0.0))] = False
     return x - forces, False
+
+
+def cut_off_at_bounds(
+    W: Compliance,
+    w: np.ndarray,
+    x: np.ndarray,
+    step: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
+    """The point x + step inside the bounds, if it lowers the quadratic with gradient w at x.
+
+    Else, if that is another one, the point where the first force meets a bound.
+    """
+    nearer = np.clip(x + step, low, high)
+    moved = nearer - x
+    if np.array_equal(nearer, x + step) or moved @ (w + W @ moved / 2) < 0:
+        return nearer
+    return up_to_the_first_bound(x, step, low, high)
 
 
 def up_to_the_first_bound(

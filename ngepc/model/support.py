@@ -265,7 +265,7 @@ def free_motions(
     x = vertex_coordinates(problem.mesh)
     processes = problem.processes
     vertices, directions = constraints(problem, springs=springs)
-    scaled = x / processes.maximum(np.ptp(x[np.concatenate(parts)], axis=0))
+    scaled = x / processes.extent(x[np.concatenate(parts)]).max()
     rows = np.einsum("nj,njk->nk", directions, rigid_motions(scaled[vertices]))
     for own in parts:
         here = processes.all(rows[np.isin(vertices, own)])

@@ -46,6 +46,16 @@ def test_compliance_knows_what_it_has_learned_and_stays_positive(rng):
     assert np.linalg.eigvalsh(dense).min() > 0
 
 
+def test_a_force_that_moves_nothing_has_the_largest_compliance(rng):
+    """A compliance that is known from the start is symmetric; its zero rows leave it definite."""
+    S = np.zeros((6, 6))
+    S[2:, 2:] = 0.01 * spd(rng, 4, 10.0)
+    skew = 1e-3 * np.triu(S, 1)
+    W = Compliance.of(S + skew - skew.T)
+    expected = S + np.diag([S.diagonal().max()] * 2 + [0.0] * 4)
+    np.testing.assert_allclose(W.block(np.arange(6)), expected, rtol=1e-14)
+
+
 def test_a_compliance_that_has_learned_much_is_the_same_matrix_and_stays_definite(rng):
     S = spd(rng, 8, 1e3)
     W = Compliance(np.ones(8))

@@ -21,6 +21,7 @@ from ngepc.linalg.friction import (
     FrictionCone,
     _Equation,
     add_to_rows,
+    cut_off_at_bounds,
     exchanged,
     in_box,
     lowered_in_box,
@@ -207,6 +208,24 @@ def test_steps_that_descend_end_where_exchanges_do():
         np.testing.assert_allclose(change, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("unit", [2.0**-60, 2.0**60])
+@pytest.mark.parametrize("method", [exchanged, lowered_in_box])
+def test_forces_in_a_box_are_the_same_in_any_unit(method, unit):
+    """To the last bit, as a power of two leaves no rounding."""
+    random = np.random.default_rng(8)
+    n = 15
+    W = Compliance.of(compliance(n, random))
+    gaps = random.normal(size=n)
+    high = random.uniform(0, 1, n)
+    forces = np.zeros(n)
+
+    def changed(unit):
+        found = method(W, unit * gaps, forces, -unit * high, unit * high)
+        return found if method is exchanged else found[0]
+
+    np.testing.assert_array_equal(changed(unit), unit * changed(1.0))
+
+
 def test_forces_in_a_box_where_exchanges_come_back():
     """A smooth kernel with a condition of 1e9: exchanges alone come back to earlier states."""
     random = np.random.default_rng(5)
@@ -226,8 +245,10 @@ def test_forces_in_a_box_where_exchanges_come_back():
     assert (w * np.sign(change) <= 1e-12)[~inside].all()
 
 
-def test_exchanges_confirm_a_solution_by_one_system(monkeypatch):
-    """They start from the bounds that forces are at, where others start from none."""
+@pytest.mark.parametrize("beyond", [0.0, 0.4])
+@pytest.mark.parametrize("method", [exchanged, lowered_in_box])
+def test_a_solution_is_confirmed_by_one_system(method, beyond, monkeypatch):
+    """Forces start at the bounds that they are at or beyond, where others start from none."""
     random = np.random.default_rng(4)
     n = 15
     W = Compliance.of(compliance(n, random))
@@ -235,15 +256,52 @@ def test_exchanges_confirm_a_solution_by_one_system(monkeypatch):
     low, high = -random.uniform(0, 0.3, n), random.uniform(0, 0.3, n)
     high[:3] = low[:3]
     x = exchanged(W, gaps, np.zeros(n), low, high)
-    assert 0 < (x == low).sum() - 3 < n
-    assert 0 < (x == high).sum() - 3 < n
-    free = (low < x) & (x < high)
+    at_low, at_high = x == low, (x == high) & (x > low)
+    assert 0 < at_low.sum() - 3 < n
+    assert 0 < at_high.sum() < n
+    forces = x + beyond * (1.0 * at_high - at_low)
     asked = []
     block = W.block
     monkeypatch.setattr(W, "block", lambda rows: asked.append(rows) or block(rows))
-    change = exchanged(W, gaps + W @ x, x, low, high)
-    assert np.abs(change).max() < 1e-14
-    np.testing.assert_array_equal(asked, [free])
+    found = method(W, gaps + W @ forces, forces, low, high)
+    change = found if method is exchanged else found[0]
+    np.testing.assert_allclose(forces + change, x, atol=1e-14)
+    np.testing.assert_array_equal(asked, [~(at_low | at_high)])
+
+
+def test_steps_are_cut_off_where_that_lowers_the_quadratic():
+    """Of two forces; else they end at the first bound, which always lowers it."""
+    random = np.random.default_rng(1)
+    low, high = -np.ones(2), np.ones(2)
+    taken = []
+    for _ in range(200):
+        slope = random.uniform(-0.99, 0.99)
+        S = np.array([[1.0, slope], [slope, 1.0]])
+        x = random.uniform(low, high)
+        w = random.normal(size=2)
+        step = -np.linalg.solve(S, w)
+        first = up_to_the_first_bound(x, step, low, high)
+        points = np.clip(x + step, low, high), first
+        lowered = [w @ (p - x) + (p - x) @ S @ (p - x) / 2 < 0 for p in points]
+        chosen = points[0] if lowered[0] else first
+        found = cut_off_at_bounds(Compliance.of(S), w, x, step, low, high)
+        np.testing.assert_array_equal(found, chosen)
+        taken.append(lowered[0])
+        if (np.abs(x + step) > 1).any():
+            assert lowered[1]
+    assert 10 < sum(taken) < 190
+
+
+def test_forces_that_do_not_act_on_each_other_take_one_step():
+    """All of them end at their own minimum or bound at once."""
+    random = np.random.default_rng(3)
+    S = random.uniform(1, 2, 6)
+    gaps = 3 * random.normal(size=6)
+    step = -gaps / S
+    assert 1 < (np.abs(step) > 1).sum() < 6
+    bounds = -np.ones(6), np.ones(6)
+    found = cut_off_at_bounds(Compliance(S), gaps, np.zeros(6), step, *bounds)
+    np.testing.assert_array_equal(found, np.clip(step, *bounds))
 
 
 @pytest.mark.parametrize("method", [exchanged, lowered_in_box])

@@ -53,7 +53,6 @@ UNNOTICED = {
     "local/active_set.py:InexactTarget._sets any": "in these bodies all end at the same set",
     "local/iterative.py:IterativeTangent.minimise dot": "whether a start is zero",
     "model/support.py:_agreed any": "all processes with the vertex see it",
-    "model/support.py:free_motions maximum": "the scale of a tolerance",
     "results/iteration.py:slope_rounding dot": "an estimate of rounding",
     "results/iteration.py:slope_rounding maximum": "an estimate of rounding",
     "results/iteration.py:slope_rounding total": "an estimate of rounding",

@@ -251,6 +251,35 @@ def test_held_values():
     assert np.isnan(held[~left & ~bottom]).all()
 
 
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_boundary_values_agree_up_to_rounding_of_the_larger_ones(size):
+    """Left and bottom meet at a vertex; lengths may be in any unit."""
+
+    def both(differ):
+        bottom = (size * (x + differ), None)
+        sides = {"left": (size * y, 0), "clamped": bottom}
+        return Problem(SQUARE, STEEL, clamped=None, prescribed=sides)
+
+    for differ in (1e-10, -1e-10):
+        assert both(differ).N == 2
+    for differ in (1e-6, -1e-6):
+        with pytest.raises(ValueError, match="the values must agree"):
+            both(differ)
+
+
+@pytest.mark.parametrize("size", [1e-10, 1e10])
+def test_rigid_motions_are_counted_in_any_unit(size):
+    """A square on one roller slides along it, on two at right angles it is held."""
+    mesh = block.structured_mesh(2, 2, size=(size, size))
+    rollers = {"left": (0, None), "clamped": (None, 0)}
+    given = {"clamped": None, "prescribed": rollers}
+    assert Problem(mesh, STEEL, **given).N == 2
+    for name in rollers:
+        left = {name: rollers[name]}
+        with pytest.raises(ValueError, match="leave 1 rigid"):
+            Problem(mesh, STEEL, **{**given, "prescribed": left})
+
+
 @pytest.mark.parametrize("mesh", [SQUARE, CUBE, lshape.paper_mesh(113)])
 def test_one_part(mesh):
     (vertices,) = part_vertices(mesh, *check_conforming(*element_facets(mesh)))
