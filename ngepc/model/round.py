@@ -10,6 +10,15 @@ from ngepc.model.processes import processes_of
 CUT = 0.01
 """A larger part of the volume, or of a boundary, is said in messages."""
 
+HALF_CIRCLE = 0.4
+"""More of its length is not missing from an arc: 1 - 2/pi from a half circle with one side."""
+
+QUARTER = (0.2, 0.45)
+"""What is missing after halving the sides, relative to before: 1/4 for short sides.
+
+On geometries that the mesh has left it is larger in the plane, and lies anywhere in space.
+"""
+
 MOST_ELEMENTS = 100_000
 """Meshes with more are not curved to see what is missing: they are fine, or it takes seconds."""
 
@@ -24,23 +33,53 @@ def cut_off(mesh: Mesh) -> dict[str, float]:
     shared = max(processes_of(mesh).size, mesh.comm.size) > 1
     if shared or not is_straight(mesh) or mesh.ne > MOST_ELEMENTS:
         return {}
+    straight, curved = _sizes(mesh, 1), _sizes(mesh, 2)
+    return {
+        name: 1 - size / curved[name] if curved[name] else 0.0
+        for name, size in straight.items()
+    }
+
+
+def on_geometry(mesh: Mesh) -> bool:
+    """Whether what is missing becomes less with shorter sides as it does on the mesh's geometry.
+
+    Netgen keeps the geometry of a mesh where it was when the mesh is scaled or moved.
+    """
+    if any(abs(part) > HALF_CIRCLE for name, part in cut_off(mesh).items() if name):
+        return False
+    least, most = QUARTER
+    before = _missing(mesh)
+    halved = mesh.ngmesh.Copy()
+    halved.Refine()
+    after = _missing(Mesh(halved))
+    return least * before <= after <= most * before
+
+
+def _missing(mesh: Mesh) -> float:
+    """How much the sizes of the boundaries change with elements of order two."""
+    straight, curved = _sizes(mesh, 1), _sizes(mesh, 2)
+    return sum(abs(straight[name] - curved[name]) for name in straight if name)
+
+
+def _sizes(mesh: Mesh, order: int) -> dict[str, float]:
+    """The volume, "", and the size of each boundary, of elements of an order on the geometry."""
     curved = Mesh(mesh.ngmesh.Copy())
-    curved.Curve(2)
-    parts = {"": 1 - Integrate(CF(1), mesh) / Integrate(CF(1), curved)}
-    for name in sorted(set(mesh.GetBoundaries())):
-        straight, round_ = (
-            Integrate(CF(1), m, definedon=m.Boundaries(name)) for m in (mesh, curved)
-        )
-        parts[name] = 1 - straight / round_ if round_ else 0.0
-    return parts
+    curved.Curve(order)
+    sizes = {"": Integrate(CF(1), curved)}
+    for name in sorted(set(curved.GetBoundaries())):
+        sizes[name] = Integrate(CF(1), curved, definedon=curved.Boundaries(name))
+    return sizes
 
 
 def round_note(problem: ProblemData, least: float = CUT) -> str:
-    """A note on the largest part that is missing; empty where it is less than ``least``."""
+    """A note on the largest part that is missing; empty where it is less than ``least``.
+
+    Empty, too, where the geometry is not that of the mesh, which was moved or scaled.
+    """
     parts = cut_off(problem.mesh)
     name = max(parts, key=lambda name: abs(parts[name]), default="")
     part = parts.get(name, 0.0)
-    if abs(part) < least:
+    if abs(part) < least or not on_geometry(problem.mesh):
         return ""
     volume = "volume" if problem.N == 3 else "area"
     area = "area" if problem.N == 3 else "length"

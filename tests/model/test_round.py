@@ -2,13 +2,14 @@
 
 import math
 
+import numpy as np
 import pytest
 from netgen.occ import Cylinder, OCCGeometry, WorkPlane, Z
 from ngsolve import Mesh
 
 from ngepc import Material, Problem, confidence, evolve, load_cycle, semismooth_newton
 from ngepc.geometries import block, lshape
-from ngepc.model.round import cut_off, round_note
+from ngepc.model.round import cut_off, on_geometry, round_note
 
 METAL = Material.metal(
     young=1000.0, poisson=0.3, yield_stress=5.0, tangent_modulus=50.0
@@ -62,3 +63,44 @@ def test_faces_that_lack_something_are_named():
     parts = cut_off(mesh)
     assert parts["end"] == max(parts.values(), key=abs)
     assert "the area of 'end' is " in round_note(Problem(mesh, METAL, "side"))
+
+
+def rod(maxh):
+    whole = Cylinder((0, 0, 0), Z, 1, 2)
+    whole.faces.name = "side"
+    return Mesh(OCCGeometry(whole).GenerateMesh(maxh=maxh))
+
+
+@pytest.mark.parametrize("body", [disc, rod])
+@pytest.mark.parametrize(
+    "image",
+    [
+        lambda p: 1e-3 * p,
+        lambda p: 25.4 * p,
+        lambda p: 1.02 * p,
+        lambda p: p + np.array([5.0, 0.0, 0.0]),
+        lambda p: np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]]) @ (p + 0.3),
+    ],
+)
+def test_a_mesh_that_has_left_its_geometry_lacks_nothing(body, image):
+    """Netgen keeps the geometry where it was: lengths beside it say nothing of the mesh."""
+    mesh = body(0.5)
+    assert on_geometry(mesh)
+    for point in mesh.ngmesh.Points():
+        point[0], point[1], point[2] = image(np.array(point.p))
+    mesh.ngmesh.Update()
+    moved = Mesh(mesh.ngmesh)
+    assert not on_geometry(moved)
+    assert (
+        round_note(Problem(moved, METAL, None, springs={moved.GetBoundaries()[0]: 1.0}))
+        == ""
+    )
+
+
+def test_a_coarse_mesh_is_on_its_geometry():
+    """Sides over a radian and more: their arcs differ much from those of order two."""
+    circle = WorkPlane().Circle(0, 0, 1).Face()
+    for safety in (1.0, 0.5):
+        coarse = {"curvaturesafety": safety, "segmentsperedge": 0.1}
+        mesh = OCCGeometry(circle, dim=2).GenerateMesh(maxh=5, **coarse)
+        assert on_geometry(Mesh(mesh))
