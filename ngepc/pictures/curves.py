@@ -167,20 +167,22 @@ def plot_curve(
     units = require_units("units", units)
     histories = history if isinstance(history, Mapping) else {"": history}
     require_mapping("history", histories, "label -> what evolve returned")
-    axes = new_picture(figsize=(5.2, 3.4)).subplots() if axes is None else axes
-    require_instance("axes", axes, Axes, "matplotlib Axes or None")
     for name, words in {"xlabel": xlabel, "ylabel": ylabel}.items():
         if words is not None:
             require_text(name, words)
-    for index, (label, one) in enumerate(histories.items()):
+    columns = []
+    for one in histories.values():
         if not isinstance(one, Evolution):
             needed = "what evolve returned, or label -> that, is needed"
             raise TypeError(f"history={in_words(history)}: {needed}")
         if not one.steps:
             raise ValueError("history has no finished step: at least one is needed")
-        style = line_style(index, len(one.steps))
-        columns = quantity_of("x", one, x), quantity_of("y", one, y)
-        axes.plot(*columns, label=label or None, **style)
+        columns.append((quantity_of("x", one, x), quantity_of("y", one, y)))
+    axes = new_picture(figsize=(5.2, 3.4)).subplots() if axes is None else axes
+    require_instance("axes", axes, Axes, "matplotlib Axes or None")
+    for index, (label, points) in enumerate(zip(histories, columns, strict=True)):
+        style = line_style(index, len(points[0]))
+        axes.plot(*points, label=label or None, **style)
     problem = next(iter(histories.values())).problem
     axes.set_xlabel(words_for(x, problem, units) if xlabel is None else xlabel)
     axes.set_ylabel(words_for(y, problem, units) if ylabel is None else ylabel)
@@ -302,11 +304,12 @@ def plot_contact_pressure(
     """
     units = require_units("units", units)
     sources = sources_of("sources", sources)
+    curves = [pressure_curves(source) for source in sources.values()]
     axes = new_picture(figsize=(5.6, 3.2)).subplots() if axes is None else axes
     require_instance("axes", axes, Axes, "matplotlib Axes or None")
-    for index, (label, source) in enumerate(sources.items()):
+    for index, (label, parts) in enumerate(zip(sources, curves, strict=True)):
         colour = COLOURS[index % len(COLOURS)]
-        for number, (s, pressure) in enumerate(pressure_curves(source)):
+        for number, (s, pressure) in enumerate(parts):
             axes.plot(
                 s, pressure, color=colour, label=None if number else label or None
             )

@@ -61,21 +61,24 @@ def plot_material(
     units = require_units("units", units)
     strain = _default_strain(*given.values()) if strain is None else strain
     require_number("strain", strain, 0, strict=True)
-    axes = new_picture(figsize=(5.6, 3.6)).subplots() if axes is None else axes
-    require_instance("axes", axes, Axes, "matplotlib Axes or None")
     bars = [
         (title, material, rate)
         for label, material in given.items()
         for title, rate in _rates_of_strain(label, material)
     ]
-    for index, (title, material, rate) in enumerate(bars):
-        colour = COLOURS[index % len(COLOURS)]
-        path = [strain, 0.0, -strain, 0.0, strain]
+    path = [strain, 0.0, -strain, 0.0, strain]
+    curves = []
+    for _, material, rate in bars:
         duration = None if rate is None else strain / rate
         bar = material_point(
             material, strain={"xx": path}, steps=STEPS, duration=duration
         )
-        e, stress = bar.curve("xx")
+        curves.append(bar.curve("xx"))
+    axes = new_picture(figsize=(5.6, 3.6)).subplots() if axes is None else axes
+    require_instance("axes", axes, Axes, "matplotlib Axes or None")
+    for index, (e, stress) in enumerate(curves):
+        colour = COLOURS[index % len(COLOURS)]
+        title = bars[index][0]
         loaded = slice(0, STEPS + 1)
         axes.plot(e[loaded], stress[loaded], color=colour, label=title or None)
         axes.plot(e[STEPS:], stress[STEPS:], color=colour, linewidth=0.7)

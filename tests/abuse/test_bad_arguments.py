@@ -7,6 +7,7 @@ and says what is needed.  ``test_bad_input`` has the finer tables for problems a
 
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import pytest
 from ngsolve import CF
 from nonsense import (
@@ -347,12 +348,13 @@ def in_an_empty_folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", USES)
 def test_nonsense_is_refused_by_name(name, tmp_path):
-    """Any argument, any kind; nothing is written before; what is legal is accepted."""
+    """Any argument, any kind; nothing is written or drawn before; what is legal is accepted."""
     if name == "show" and not viewer_installed():
         pytest.skip("the offline viewer is not installed")
     use = USES[name]
     assert use.failures() == []
     assert list(tmp_path.iterdir()) == []
+    assert plt.get_fignums() == []
     use.call(**use.legal)
 
 
