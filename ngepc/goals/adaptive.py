@@ -43,6 +43,7 @@ from ngepc.local.solver import starting_state
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem
+from ngepc.model.round import round_note
 from ngepc.results.iteration import ExactTarget, newton_iteration
 from ngepc.results.outcome import IterationRecord, Status
 
@@ -140,7 +141,8 @@ class BoundedResult:
     records
         One record for each mesh.
     message
-        Why it ended before the tolerance was reached; empty if it was reached.
+        Why it ended before the tolerance was reached, empty if it was reached; and what straight
+        sides of a round body cut off: refined meshes keep them.
     goal
         The interval of the goal on the last mesh; None without a goal, and where the error bound is
         infinite.
@@ -231,7 +233,9 @@ def solve_to(
     """
     require_instance("problem", problem, Problem, "a Problem")
     tolerance = tolerance_of(problem, relative_error, goal, percent)
-    return run_to(problem, tolerance, options, monitor, goal, about_zero)
+    run = run_to(problem, tolerance, options, monitor, goal, about_zero)
+    notes = filter(None, (run.message, round_note(problem)))
+    return replace(run, message=" ".join(notes))
 
 
 def run_to(

@@ -5,9 +5,17 @@ import math
 import numpy as np
 import pytest
 from netgen.occ import Cylinder, OCCGeometry, WorkPlane, Z
-from ngsolve import Mesh
+from ngsolve import Mesh, x
 
-from ngepc import Material, Problem, confidence, evolve, load_cycle, semismooth_newton
+from ngepc import (
+    Material,
+    Problem,
+    confidence,
+    evolve,
+    load_cycle,
+    semismooth_newton,
+    solve_to,
+)
 from ngepc.geometries import block, lshape
 from ngepc.model.round import cut_off, on_geometry, round_note
 
@@ -53,6 +61,14 @@ def test_messages_say_it():
     result = semismooth_newton(fine)
     assert "Straight sides" not in result.message
     assert "Straight sides" in confidence(result)
+
+
+def test_refined_meshes_keep_straight_sides():
+    loads = {"springs": {"rim": (1.0, 1.0)}, "body_force": (x, 0)}
+    run = solve_to(Problem(disc(0.5), METAL, None, **loads), relative_error=0.1)
+    assert run.reached
+    assert len(run.records) > 1
+    assert run.message.startswith("Straight sides of a round body: the area")
 
 
 def test_faces_that_lack_something_are_named():
