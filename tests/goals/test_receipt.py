@@ -28,7 +28,7 @@ from ngepc.__main__ import main
 from ngepc.bounds.of_state import bound_data_of, bound_of
 from ngepc.geometries import block
 from ngepc.goals import check_receipt, receipt
-from ngepc.goals.receipt_file import packed, proved_intervals
+from ngepc.goals.receipt_file import best_tangent, packed, proved_intervals
 from ngepc.studies.examples import example
 
 MATERIAL = Material.kinematic(
@@ -399,6 +399,14 @@ def test_hints_of_tangents_are_near_the_best_ones(order, tmp_path):
     best = np.min([at_zero, *(suprema(np.full_like(hints, r)) for r in tried)], axis=0)
     lost = (suprema(hints) - best).sum(axis=1)
     assert (lost < 0.3 * (at_zero - best).sum(axis=1)).all()
+
+    # stresses count from the back stress
+    more = body.beta * np.random.default_rng(order).normal(size=body.back.shape)
+    body.back = body.back + more
+    for field in (body.stress, body.trial):
+        field[:, 1:, 0] += more
+    moved = [best_tangent(body, sign) for sign in (-1, 1)]
+    np.testing.assert_allclose(moved, hints, atol=1e-9 * hints.max())
 
 
 @pytest.mark.parametrize(("order", "size"), in_turn([1, 2], [0.1, 1.0, 10.0]))
