@@ -137,7 +137,7 @@ GOALS = {
 
 
 @pytest.mark.parametrize(
-    ("made", "order", "pair"), zip(GOALS, (1, 2), (PAIR, TURNED), strict=True)
+    ("made", "order", "pair"), list(zip(GOALS, (1, 2), (PAIR, TURNED), strict=True))
 )
 def test_fine_values_lie_inside(order, made, pair):
     problem = made(order, pair)
