@@ -311,7 +311,22 @@ def require_field(
             samples = np.vstack([samples, sample(value, mesh, boundaries, rules)])
     except (NgException, RuntimeError, TypeError, ValueError) as error:
         raise ValueError(f"{name} cannot be evaluated on {where}: {error}") from error
-    return require_in(name, samples, where, **how)
+    try:
+        return require_in(name, samples, where, **how)
+    except ValueError as error:
+        found = "" if boundaries else material_of_least(value, mesh)
+        raise ValueError(f"{error}{found}") from None
+
+
+def material_of_least(value: Coefficient, mesh: Mesh) -> str:
+    """Where a coefficient is least, in words, if the mesh has several materials."""
+    names = mesh.GetMaterials()
+    if len(set(names)) < 2 or not isinstance(value, CoefficientFunction):
+        return ""
+    samples = sample(value, mesh).min(axis=1)
+    number = sample(CF(list(range(len(names)))), mesh)[:, 0]
+    least = names[int(number[np.nan_to_num(samples, nan=-inf).argmin()])]
+    return f" (in material {least!r})"
 
 
 def require_in(

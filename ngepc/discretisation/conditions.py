@@ -65,6 +65,7 @@ class ContactConditions:
         rollers = roller_rows(problem, supports)
         obstacles, self._row_gaps = rows_and_gaps(problem, supports.scalar)
         self.absent = not (problem.touching_names or rollers)
+        self._obstacle_names = problem.contact_names
         self._movable = obstacles.movable(supports.free)
         parts = [obstacles.chosen(self._movable)]
         for pair in pairs:
@@ -195,6 +196,20 @@ class ContactConditions:
     def sum_of(self, forces: np.ndarray) -> np.ndarray:
         """The sum over all rows of forces, shape (m, ...)."""
         return self.processes.total(forces[self._own_rows].sum(axis=0))
+
+    def of_obstacles(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Contact boundary with an obstacle -> its part of the forces x of all rows, shape (n,).
+
+        A row that several boundaries share is divided by their areas.
+        """
+        names = self._obstacle_names
+        shares = np.zeros((len(names), len(self.rows)))
+        if self._row_gaps is not None:
+            known = self._row_gaps.shares(len(names))[self._movable]
+            shares[:, self.on_obstacles] = known.toarray().T
+        tangents = np.repeat(shares, self.friction.d, axis=1)
+        parts = np.hstack([shares, tangents]) * x
+        return dict(zip(names, parts, strict=True))
 
     def at_vertices(self, values: np.ndarray) -> np.ndarray:
         """Sums at the vertices of values (m, ...) of the rows of all processes."""

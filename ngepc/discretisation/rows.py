@@ -99,6 +99,13 @@ class RowGaps:
     sums: csr_matrix  # sums of records for each row, shape (all rows, records)
     weights: np.ndarray  # areas of the records
     coefficients: csr_matrix | None  # of order two, from means at the nodes of the rows
+    boundaries: np.ndarray  # numbers of the boundaries of the records
+
+    def shares(self, count: int) -> csr_matrix:
+        """The part of the area of each row that each boundary has, (all rows, ``count``)."""
+        which = np.arange(len(self.weights)), self.boundaries
+        areas = csr_matrix((self.weights, which), shape=(len(self.weights), count))
+        return diags(1 / (self.sums @ self.weights)) @ self.sums @ areas
 
     def __call__(self, known: NodeGaps) -> np.ndarray:
         """From those of the records, also for rows that supports hold, shape (all rows,).
@@ -248,7 +255,7 @@ def rows_and_gaps(
         means = coefficients @ means
         along = coefficients @ along
     at = {"nodes": nodes, "corners": records["corners"][first]}
-    gaps = RowGaps(sums, weights, coefficients)
+    gaps = RowGaps(sums, weights, coefficients, records["boundary"])
     known = gaps(NodeGaps(*(records[name] for name in NodeGaps._fields)))
     return rows_along(normals, means, along, **at, gaps=known, weights=area), gaps
 

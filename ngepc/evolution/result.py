@@ -11,6 +11,7 @@ import numpy as np
 from ngsolve import CoefficientFunction, GridFunction, Trace
 
 from ngepc._deprecated import old_names
+from ngepc.checks.kinds import require_function
 from ngepc.checks.sentences import counted
 from ngepc.discretisation.finer import seen_material, seen_problem
 from ngepc.discretisation.loads import nodal
@@ -292,6 +293,9 @@ class Evolution(Ending):
 
     def column(self, name: str) -> list:
         """One field of all ``StepRecord``s: 'contact_force', 'dissipation', ..."""
+        known = StepRecord.__dataclass_fields__
+        if name not in known:
+            raise ValueError(f"name={name!r}: one of {', '.join(known)} is needed")
         return [getattr(step.record, name) for step in self.steps]
 
     def as_rows(self) -> list[dict]:
@@ -300,6 +304,7 @@ class Evolution(Ending):
 
     def values(self, quantity: Callable[[Fields], object]) -> list:
         """``quantity(fields)`` of all steps, such as a displacement at a point, for hysteresis."""
+        require_function("quantity", quantity, "the fields")
         return [quantity(step.fields) for step in self.steps]
 
     def reactions(self, support: str) -> np.ndarray:

@@ -59,7 +59,12 @@ from ngepc.model.hardening import check_law
 from ngepc.model.kinematics import TWO_DIMENSIONAL
 from ngepc.model.material import Material, is_vector, split_hardening
 from ngepc.model.places import Coulomb, Place, Roller, places, values_at, vertices_at
-from ngepc.model.support import check_held, check_motions, held_directions
+from ngepc.model.support import (
+    check_held,
+    check_motions,
+    held_directions,
+    pressed_names,
+)
 from ngepc.model.viscosity import check_rate
 
 SHARED_MESH_COVERS = (
@@ -89,6 +94,7 @@ def check_problem(problem: ProblemData, before: ProblemData | None = None) -> No
     if differ("mesh", "kinematics", "clamped", "prescribed", "contact", "gap"):
         check_held(problem)
     moves = differ("mesh", "kinematics", "clamped", "contact", "springs")
+    moves = moves or pressed_names(problem) != pressed_names(before)
     if moves or held_directions(problem) != held_directions(before):
         check_motions(problem)
 
@@ -395,6 +401,9 @@ def check_contact(problem: ProblemData) -> None:
         )
     for name in names:
         argument, gap = (f"gap[{name!r}]", given[name]) if several else ("gap", given)
+        if hasattr(gap, "gap"):
+            needed = "the gap to this obstacle is needed, obstacle.gap(mesh)"
+            raise TypeError(f"{argument}={in_words(gap)}: {needed}")
         require_field(argument, gap, mesh, [name], corners=True)
 
 

@@ -98,17 +98,28 @@ def _parts(problem: ProblemData) -> list[np.ndarray]:
     keys, owners = element_facets(mesh)
     a, b = check_conforming(keys, owners)
     for name in problem.contact_names:
-        wanted = facet_keys(boundary_corners(mesh, [name]), mesh)
-        beside = np.searchsorted(keys, wanted, "right") - np.searchsorted(keys, wanted)
-        if (beside == 0).any():
-            raise ValueError(
-                f"contact={name!r} is not a boundary of elements of the mesh"
-            )
-        if (beside > 1).any() or name in getattr(mesh, "interfaces", ()):
-            raise ValueError(
-                f"contact={name!r} lies inside the body: an outer boundary is needed"
-            )
+        check_outer(f"contact={name!r}", name, mesh, keys)
+    for name in pressed_names(problem):
+        check_outer(f"pressure[{name!r}]", name, mesh, keys)
     return part_vertices(mesh, a, b)
+
+
+def pressed_names(problem: ProblemData) -> list[str]:
+    """The boundaries under a pressure."""
+    return list(problem.single("pressure"))
+
+
+def check_outer(given: str, name: str, mesh: Mesh, keys: np.ndarray) -> None:
+    """Refuse a boundary inside the body, which has no outer normal.
+
+    ``keys`` are those of the facets of all elements, ascending, ``given`` is what names it.
+    """
+    wanted = facet_keys(boundary_corners(mesh, [name]), mesh)
+    beside = np.searchsorted(keys, wanted, "right") - np.searchsorted(keys, wanted)
+    if (beside == 0).any():
+        raise ValueError(f"{given} is not a boundary of elements of the mesh")
+    if (beside > 1).any() or name in getattr(mesh, "interfaces", ()):
+        raise ValueError(f"{given} lies inside the body: an outer boundary is needed")
 
 
 def check_conforming(

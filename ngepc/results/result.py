@@ -282,6 +282,20 @@ class DiscreteSolution(Result):
         """Integral of the contact pressure, positive in compression (force)."""
         return float(self.state.body.contact.sum_of(self.pressing))
 
+    @property
+    def obstacle_forces(self) -> dict[str, np.ndarray]:
+        """Contact boundary -> force of its rigid obstacle on the body, N components (force).
+
+        With friction.  Where two boundaries meet at an angle each has its own forces, while
+        ``contact_pressure`` has one value at their common vertices.
+        """
+        contact = self.state.body.contact
+        parts = contact.of_obstacles(self.state.contact)
+        return {
+            name: self.equilibrium.resultant(-contact.forces(x).T)
+            for name, x in parts.items()
+        }
+
     @cached_property
     def contact_pressure(self) -> GridFunction:
         """Contact forces over the area that belongs to them (stress), positive in compression.

@@ -124,6 +124,10 @@ def layered():
     return Mesh(geometry.GenerateMesh(maxh=0.3))
 
 
+LAYERED = layered()
+ONLY_SOFT = LAYERED.MaterialCF({"soft": 800.0})
+
+
 def named(name):
     """The block with its top called ``name``."""
     mesh = block.structured_mesh(2, 2)
@@ -589,6 +593,14 @@ PROBLEMS = {
         {"mesh": layered(), "contact": "interface"},
         "contact='interface' lies inside the body",
     ),
+    "pressure inside the body": (
+        {"mesh": layered(), "pressure": {"interface": 1.0}},
+        "pressure['interface'] lies inside the body: an outer boundary is needed",
+    ),
+    "a material without a value": (
+        {"mesh": LAYERED, "material": material(lame_mu=ONLY_SOFT)},
+        "lame_mu falls to 0: values > 0 are needed (in material 'hard')",
+    ),
     "a name that is a pattern": (
         {"mesh": named("cont.*"), "contact": "cont.*"},
         "the name 'cont.*' has one of the characters",
@@ -694,7 +706,7 @@ PROBLEM_TYPES = {
     ),
     "gap an obstacle": (
         {"gap": Disc((0, 3), 1.0)},
-        "a number or a CoefficientFunction is needed",
+        "the gap to this obstacle is needed, obstacle.gap(mesh)",
     ),
     "prescribed a boolean": (
         {"prescribed": {"left": (True, None)}},

@@ -482,6 +482,43 @@ def test_restart_with_friction_continues_to_the_same_digits(tmp_path):
     assert whole.column("max_slip")[-1] > 0
 
 
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_history_goes_on_from_the_fields_of_another(name):
+    """The fields at the end of three steps are all that two more steps need, with friction."""
+    problem = Problem(
+        block.structured_mesh(3, 3, simplices=True),
+        MATERIALS[name],
+        contact="contact",
+        gap=-2e-3,
+        friction=0.3,
+        traction={"right": (2.0, 0.0)},
+    )
+    factors = [0.5, 1.0, -1.0, 0.2, -2.0]
+    whole = evolve(problem, load_cycle(problem, factors))
+    first = evolve(problem, load_cycle(problem, factors[:3]))
+    last = first.steps[-1].fields
+    left = problem.changed(
+        initial_plastic_strain=last.plastic_strain,
+        initial_hardening=(last.hardening_variable, last.back_stress),
+        initial_accumulated=last.accumulated_plastic_strain,
+        initial_displacement=last.displacement,
+    )
+    rest = evolve(left, load_cycle(left, factors[3:]))
+    for quantity in ("contact_force", "max_plastic_strain", "elastic_energy"):
+        expected = whole.column(quantity)[3:]
+        assert rest.column(quantity) == pytest.approx(expected, rel=1e-7)
+    assert whole.column("dissipation")[-1] > 0
+
+
+def test_columns_and_quantities_are_named_where_they_do_not_exist():
+    problem = bar(MATERIALS["kinematic"], block.structured_mesh(1, 1))
+    history = evolve(problem, load_cycle(problem, [1.0]))
+    with pytest.raises(ValueError, match="name='force': one of time, cuts, "):
+        history.column("force")
+    with pytest.raises(TypeError, match="quantity='force': a function of the fields"):
+        history.values("force")
+
+
 def test_restart_in_the_middle_of_a_cut_step(cut, tmp_path):
     problem, file = cut.problem, tmp_path / "steps.npz"
     schedule = load_cycle(problem, [1.0])
