@@ -324,7 +324,7 @@ class Iterate:
         """A message if all that is left moves a part as a rigid body."""
         left = self.residual_norm
         floating = self.body.floating
-        if left > SMALL or not floating.centres:
+        if not floating.centres:
             return ""
         drift = floating.drift(self.free_residual)
         if self._relative(self._processes.norm(drift)) < DRIFT * left:

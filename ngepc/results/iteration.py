@@ -18,7 +18,7 @@ import numpy as np
 
 from ngepc._deprecated import old_names
 from ngepc.checks.sentences import counted
-from ngepc.discretisation.body import EPSILON, DiscreteBody, Iterate
+from ngepc.discretisation.body import EPSILON, SMALL, DiscreteBody, Iterate
 from ngepc.discretisation.contact_step import (
     ROUNDING,
     contact_work,
@@ -55,6 +55,9 @@ NOISE = 1e-14
 
 SAME_ENERGY = 1e-8
 """Part of the energy by which the last step may lower it where rounding hides the residual."""
+
+OBSERVED = 5
+"""Last falls of the energy from which the following ones are predicted."""
 
 SLENDER = 300.0
 """Elements that are more times as long as thick are named as a cause of rounding errors."""
@@ -311,10 +314,11 @@ def end_of(
     residual = here.residual_norm
     if not np.isfinite(residual + here.energy):
         return Status.NONFINITE, "The energy or the residual is NaN or infinite."
-    if is_within(here, tolerance):
+    within = is_within(here, tolerance)
+    if within:
         if not (here.hidden_by_rounding and falls(history)):
             return Status.CONVERGED, ""
-        if steps < max_iterations:
+        if steps < max_iterations and not keeps_falling(history, max_iterations):
             return None, ""
     if here.body.floating.unheld:
         return Status.UNHELD, here.body.floating.unheld
@@ -325,14 +329,15 @@ def end_of(
         )
     if before is not None and residual > SETTLED * before and residual <= here.rounding:
         return Status.STAGNATED, limited_by_rounding(
-            here, f"After {counted(steps, 'step')} the"
+            here, f"After {counted(steps, 'step')} the", within
         )
-    if before is not None and residual > UNCHANGED * before and here.drifting:
+    if before is not None and UNCHANGED * before < residual <= SMALL and here.drifting:
         return Status.STAGNATED, here.drifting
     if steps == max_iterations:
+        advice = here.drifting or "Try more steps or a smaller load step."
         return Status.ITERATION_LIMIT, (
             f"{counted(steps, 'step')}, relative residual {residual:.3g}, last step length "
-            f"{history.records[-1].step_length:.3g}; try more steps or a smaller load step."
+            f"{history.records[-1].step_length:.3g}. {advice}"
         )
     return None, ""
 
@@ -354,6 +359,21 @@ def falls(history: History) -> bool:
     return before - last > SAME_ENERGY * abs(last)
 
 
+def keeps_falling(history: History, max_iterations: int) -> bool:
+    """Whether the energy would still fall by more than ``SAME_ENERGY`` in the last step allowed.
+
+    The falls of the last steps are continued as a geometric sequence.
+    """
+    records = history.records[-1 - OBSERVED :]
+    energies = np.array([record.energy for record in records])
+    fallen = -np.diff(energies)
+    if len(fallen) < OBSERVED or fallen.min() <= 0:
+        return False
+    ratio = min(fallen[-1] / fallen[0], 1.0) ** (1 / (OBSERVED - 1))
+    left = max_iterations - records[-1].iteration
+    return bool(fallen[-1] * ratio**left > SAME_ENERGY * abs(energies[-1]))
+
+
 def no_descent(here: Iterate, within: bool, falling: bool) -> tuple[Status, str]:
     """The status and message where no step length lowers the energy.
 
@@ -373,7 +393,7 @@ def limited_by_rounding(here: Iterate, after: str, within: bool = False) -> str:
     """The message for a residual of rounding errors, ``within`` the tolerance or not."""
     cause = slender_elements(here) or (
         "Stresses are small differences of large ones: hardening or springs are small compared "
-        "with the elastic moduli, or the body is nearly incompressible."
+        "with the elastic moduli, or the body is slender or nearly incompressible."
     )
     left = f"{here.residual_norm:.3g}. Rounding errors leave about {here.rounding:.2g}"
     text = f"{after} relative residual is {left}. {cause}"

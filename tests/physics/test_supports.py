@@ -16,6 +16,7 @@ from ngepc import (
     Edge,
     NewtonOptions,
     Point,
+    PrimalOptions,
     Problem,
     PyAMG,
     Roller,
@@ -31,7 +32,8 @@ from ngepc import (
 from ngepc.geometries import block, ring
 from ngepc.model.elements import corner_vertices
 
-SOLVERS = (semismooth_newton, primal_newton)
+OPTIONS = {semismooth_newton: NewtonOptions, primal_newton: PrimalOptions}
+SOLVERS = tuple(OPTIONS)
 SQUARE = block.structured_mesh(4, 4, simplices=True)
 ELASTIC = replace(STEEL, yield_stress=1e6)
 both = pytest.mark.parametrize("solver", SOLVERS)
@@ -104,6 +106,10 @@ def test_a_part_that_drifts_is_said_and_its_stresses_are_right(solver):
     assert "around (0.5, 0.5) is free to move as a rigid body" in drifting.message
     forces = drifting.nodal_contact_forces
     np.testing.assert_allclose(forces, still.nodal_contact_forces, atol=1e-7)
+    few = OPTIONS[solver](max_iterations=drifting.iterations - 1)
+    ended = solver(lying(1e-8), options=few)
+    assert ended.status is Status.ITERATION_LIMIT
+    assert "around (0.5, 0.5) is free to move as a rigid body" in ended.message
 
 
 @both

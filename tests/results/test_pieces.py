@@ -14,6 +14,8 @@ from ngepc import Material, NewtonOptions, Problem, Status, semismooth_newton
 from ngepc.geometries import block
 from ngepc.model.elements import largest_slenderness
 from ngepc.results.checkpoint import problem_fingerprint
+from ngepc.results.iteration import keeps_falling
+from ngepc.results.outcome import History
 from ngepc.results.records import FIELDS, checked, provenance, solve_record
 from ngepc.results.stored import array_of, value_of
 
@@ -176,6 +178,27 @@ def test_deflection_of_a_beam_five_thousand_times_as_long_as_thick():
     assert result.status is Status.CONVERGED
     assert result.message == ""
     assert result.displacement(mesh(L, t / 2))[1] == pytest.approx(-1e-4 * L, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "last", "keeps"), [(0.9, 300, False), (0.99, 300, True)]
+)
+def test_falls_of_the_energy_continue_as_a_geometric_sequence(ratio, last, keeps):
+    """Energies 1 + r^k fall by (1 - r) r^k: below 1e-8 before 300 steps, or not."""
+    start = lshape_primal().history.records[0]
+    steps = [replace(start, iteration=k, energy=1 + ratio**k) for k in range(10)]
+    assert keeps_falling(History(steps), last) is keeps
+    assert keeps_falling(History(steps), 3000) is False
+    assert keeps_falling(History(steps[:3]), last) is False
+
+
+def test_a_run_ends_soon_where_factors_hardly_lower_the_energy():
+    mesh = block.structured_mesh(500, 1, size=(3000.0, 0.1))
+    load = {"contact": (0.0, -1e-18)}
+    result = semismooth_newton(Problem(mesh, METAL, "left", load, order=2))
+    assert result.status in (Status.STAGNATED, Status.LINESEARCH_FAILED)
+    assert result.iterations < 20
+    assert "A tolerance above" not in result.message
 
 
 def test_slender_elements_are_named_where_they_stop_the_solver():
