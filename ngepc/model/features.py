@@ -138,8 +138,10 @@ def _solid_shape(name: str, corners: int, problem: ProblemData) -> Found:
 
 
 def _curved(problem: ProblemData) -> Found:
-    """The mesh, if its elements are curved."""
+    """The mesh, if its elements are curved or moved by a deformation."""
     mesh = problem.mesh
+    if mesh.deformation is not None:
+        return {MESH: "a deformation"}
     return {} if is_straight(mesh) else {MESH: "curved elements"}
 
 
@@ -225,7 +227,11 @@ FEATURES = {
     "quadrilaterals": _feature("triangles only", _quadrilaterals),
     "hexahedra": _feature("tetrahedra only", _solid_shape, "hexahedra", 8),
     "prisms": _feature("tetrahedra only", _solid_shape, "prisms", 6),
-    "curved elements": _feature("straight edges (mesh.Curve(1) makes them)", _curved),
+    "curved elements": _feature(
+        "straight edges (mesh.Curve(1) makes them), and points of mesh.ngmesh that are moved in "
+        "place of mesh.SetDeformation",
+        _curved,
+    ),
     "shared mesh": _feature("a mesh of one process", _shared),
     "kinematic hardening": _feature(
         "isotropic hardening alone", _in_material, "hardening"

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ngsolve import CF, L2, GridFunction, Integrate, Mesh, x, y
+from ngsolve import CF, L2, GridFunction, Integrate, Mesh, VectorH1, x, y
 
 from ngepc import (
     Coulomb,
@@ -267,6 +267,36 @@ def test_what_is_not_covered_is_refused_by_name(word, make):
     result.problem = problem
     with pytest.raises(ValueError, match=word):
         error_bound(result)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_hardening_that_varies_inside_elements_is_refused_with_what_helps(order):
+    given = {"initial_hardening": x, "traction": {"contact": (0, -1.0)}}
+    hard = replace(MATERIAL, hardening_modulus=1e2)
+    result = semismooth_newton(square(hard, order=order, **given))
+    with pytest.raises(ValueError, match=r"one value on each element, as histories"):
+        error_bound(result)
+
+
+def test_a_mesh_is_moved_by_its_points_and_not_by_a_deformation():
+    """The refusal says so; both have the same area, and the moved mesh has a bound."""
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    push = {"traction": {"contact": (0, -1.0)}}
+    moved = GridFunction(VectorH1(mesh))
+    moved.Set((0.1 * y, 0.2 * y))
+    mesh.SetDeformation(moved)
+    area = Integrate(CF(1), mesh)
+    deformed = semismooth_newton(Problem(mesh, MATERIAL, **push))
+    with pytest.raises(ValueError, match=r"points of mesh.ngmesh .* mesh.SetDeform"):
+        error_bound(deformed)
+    mesh.UnsetDeformation()
+    for point in mesh.ngmesh.Points():
+        point[0] += 0.1 * point[1]
+        point[1] += 0.2 * point[1]
+    result = semismooth_newton(Problem(mesh, MATERIAL, **push))
+    assert Integrate(CF(1), mesh) == pytest.approx(area, rel=1e-12)
+    assert result.primal_energy == pytest.approx(deformed.primal_energy, rel=0.01)
+    assert error_bound(result).guaranteed
 
 
 def test_parts_that_hinge_at_a_vertex_are_refused():

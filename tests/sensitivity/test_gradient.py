@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns.derivatives import Derivatives, compared, envelope_error, taylor_slopes
-from campaigns.random_data import last_state, moved, once, random_problem, sizes
+from campaigns.random_data import (
+    functionals,
+    last_state,
+    moved,
+    once,
+    random_problem,
+    sizes,
+)
 from ngsolve import CF, Id, IfPos, InnerProduct, Integrate, ds, dx, x, y
 
 from ngepc import (
@@ -73,6 +80,21 @@ def test_envelope_theorem(lshape_result):
     }
     for name, value in expected.items():
         assert slopes[name] == pytest.approx(value, rel=1e-10)
+
+
+@pytest.mark.parametrize("seed", [8, 12, 28])
+def test_a_thickness_multiplies_derivatives_of_forces_and_energies(seed):
+    """All data are per area, so that displacements and integrals over the plane stay the same."""
+    problem = random_problem(seed)
+    names = list(sizes(problem))
+    thin, thick = once(problem), once(problem.changed(thickness=2.5))
+    for key, functional in functionals(problem).items():
+        factor = 1.0 if key in ("displacement", "form") else 2.5
+        one, other = (gradient(r, functional, names) for r in (thin, thick))
+        size = max(abs(v) for v in one.values())
+        expected = [factor * one[n] for n in names]
+        found = [other[n] for n in names]
+        assert found == pytest.approx(expected, rel=1e-6, abs=1e-8 * size)
 
 
 def test_moving_a_support_costs_the_work_of_its_force():
