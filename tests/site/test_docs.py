@@ -396,6 +396,18 @@ def test_formulas_fit_the_text(site, page):
 
 
 @pytest.mark.skipif(chromium() is None, reason="needs Chromium")
+@pytest.mark.parametrize("page", ["results/intervals", "results/table3"])
+def test_tables_use_the_width_of_a_page_without_contents(site, page):
+    cut = (
+        "[...document.querySelectorAll('article table')]"
+        ".filter(t => t.scrollWidth > t.parentElement.clientWidth + 2).length"
+    )
+    with Browser(1200, 900) as browser:
+        browser.open(site / f"{page}.html")
+        assert browser.evaluate(cut) == 0
+
+
+@pytest.mark.skipif(chromium() is None, reason="needs Chromium")
 def test_search_shows_snippets_from_disk(site):
     with Browser() as browser:
         seen = browser.open(site / "search.html", "?q=certificate")
