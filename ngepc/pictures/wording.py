@@ -313,6 +313,7 @@ def describe_result(result: Result, units: UnitNames = PLAIN) -> Rows:
     stress = unit_of(units, "stress")
     fields = result.fields
     peeq = number(largest(fields, "accumulated_plastic_strain"))
+    steps = [row("Newton steps", str(result.iterations))]
     return [
         *contact_answer(result, units),
         row("largest displacement", number(largest(fields, "displacement"), length)),
@@ -321,7 +322,7 @@ def describe_result(result: Result, units: UnitNames = PLAIN) -> Rows:
         *reaction_answer(result, units),
         row("error of the mesh", how_exact(result)),
         row("status", str(result.status).replace("_", " ")),
-        row("Newton steps", str(result.iterations)),
+        *(steps if result.history.records else []),
         row("relative residual", number(result.residual_norm, digits=2)),
     ]
 

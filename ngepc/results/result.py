@@ -115,15 +115,16 @@ class Result(Quantities, Ending):
         return self.equilibrium.resultant(self.equilibrium.reaction)
 
     def summary(self) -> dict[str, str]:
-        """The summary of a result: name -> text."""
+        """The summary of a result: name -> text; steps of a history do not keep iterates."""
         problem = self.problem
         mesh = self.problem.mesh
         elements = counted(problem.processes.total(mesh.ne), "element")
         size = f"{nodes_of(mesh)} nodes, {elements}"
+        steps = {"Newton steps": self.steps_in_words} if self.history.records else {}
         rows = {
             "status": str(self.status),
             "method": self.method_label,
-            "Newton steps": self.steps_in_words,
+            **steps,
             "residual": f"{self.residual_norm:.2g}",
             "body": f"{size}, order {problem.order}, {problem.kinematics.name}",
             "energy J": f"{self.primal_energy:.10g}",

@@ -510,6 +510,14 @@ def test_a_history_goes_on_from_the_fields_of_another(name):
     assert whole.column("dissipation")[-1] > 0
 
 
+def test_the_result_of_a_step_does_not_claim_to_have_taken_no_newton_steps():
+    problem = bar(MATERIALS["kinematic"], block.structured_mesh(1, 1), load=2.0)
+    step = evolve(problem, load_cycle(problem, [1.0])).steps[0]
+    assert step.record.iterations > 0
+    assert "Newton steps" not in step.solution.summary()
+    assert "Newton steps" in semismooth_newton(problem).summary()
+
+
 def test_columns_and_quantities_are_named_where_they_do_not_exist():
     problem = bar(MATERIALS["kinematic"], block.structured_mesh(1, 1))
     history = evolve(problem, load_cycle(problem, [1.0]))
