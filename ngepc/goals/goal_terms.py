@@ -200,11 +200,21 @@ def goal_of_result(goal: object, result: ExactResult) -> float:
     """The goal of a result, also on quadrilaterals and hexahedra, as its own numbers say it."""
     problem = result.problem
     if isinstance(goal, ContactForceOn):
-        region = problem.mesh.Boundaries(goal.boundary)
-        pressure = result.contact_pressure
-        return Integrate(pressure, problem.mesh, BND, definedon=region)
+        return _force_on(goal.boundary, result)
     terms = _without_facets(goal, problem, np.zeros(1))
     return result.contact_force if terms.factor.any() else terms.work(result.state)
+
+
+def _force_on(boundary: str, result: ExactResult) -> float:
+    """The normal force on contact boundaries with obstacles, or on one of two bodies."""
+    contact = result.state.body.contact
+    forces = contact.of_obstacles(result.state.contact)
+    names = boundary.split("|")
+    if set(names) <= forces.keys():
+        return sum(contact.normal(forces[name]).sum() for name in names)
+    mesh = result.problem.mesh
+    region = mesh.Boundaries(boundary)
+    return Integrate(result.contact_pressure, mesh, BND, definedon=region)
 
 
 def terms_of(goal: object, bound_data: BoundData) -> GoalTerms:

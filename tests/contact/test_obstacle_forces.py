@@ -1,8 +1,18 @@
 """The force of each of several obstacles, which the balance of forces knows."""
 
+import numpy as np
 import pytest
+from ngsolve import y
 
-from ngepc import Coulomb, Material, Problem, primal_newton, semismooth_newton
+from ngepc import (
+    ContactForceOn,
+    Coulomb,
+    Material,
+    Problem,
+    goal_bound,
+    primal_newton,
+    semismooth_newton,
+)
 from ngepc.geometries import block, imported
 
 SOFT = Material.metal(young=1e3, poisson=0.3, yield_stress=20.0, plastic_modulus=50.0)
@@ -78,3 +88,21 @@ def test_no_obstacle_has_no_force():
         block.structured_mesh(2, 2), SOFT, "clamped", pressure={"contact": 1.0}
     )
     assert semismooth_newton(clamped).obstacle_forces == {}
+
+
+@pytest.mark.parametrize("name", ["contact", "right"])
+def test_goals_on_quadrilaterals_are_the_forces_of_obstacles(name):
+    """Integrals of the pressure, which were taken, are off by up to a sixth."""
+    pushed = Problem(
+        block.structured_mesh(4, 4),
+        SOFT,
+        clamped="clamped",
+        contact="contact|right",
+        gap={"contact": -0.004, "right": 0.02 * (1 - y)},
+        pressure={"left": 6.0},
+    )
+    result = semismooth_newton(pushed)
+    goal = goal_bound(result, ContactForceOn(name))
+    force = np.linalg.norm(result.obstacle_forces[name])
+    assert goal.discrete == pytest.approx(force, rel=1e-8)
+    assert goal.lower < force < goal.upper
