@@ -91,22 +91,21 @@ class Equilibrium:
         ``boundaries`` are names, 'a', 'a|b' or a sequence: the sum over their vertices alone.  That
         of ``contact`` over one side of a contact of two bodies is the force on that body.
         """
-        problem = self.problem
-        forces = forces[:, : problem.mesh.nv].T
-        if boundaries is not None:
-            names = boundary_names("boundaries", boundaries, problem.mesh)
-            there = np.zeros((problem.mesh.nv, 1), bool)
-            there[corner_vertices(problem.mesh, names)] = True
-            forces = np.where(there, forces, 0.0)
-        return problem.processes.total(forces[problem.processes.own].sum(axis=0))
+        own = self.problem.processes.own
+        forces = self._at_vertices(forces, boundaries)
+        return self.problem.processes.total(forces[own].sum(axis=0))
 
     def moment(
-        self, forces: np.ndarray, about: Sequence[float] | None = None
+        self,
+        forces: np.ndarray,
+        about: Sequence[float] | None = None,
+        boundaries: str | Sequence[str] | None = None,
     ) -> np.ndarray:
         """Sum of (x - about) x F over the nodes (force times length).
 
-        ``about`` is a point, None for the origin.  Three components; for N = 2 one, positive
-        counterclockwise.
+        ``about`` is a point, None for the origin; ``boundaries`` are those of ``resultant``: the
+        torque of ``reaction`` at one support, for example.  Three components; for N = 2 one,
+        positive counterclockwise.
         """
         mesh = self.problem.mesh
         processes = self.problem.processes
@@ -115,10 +114,24 @@ class Equilibrium:
         about = np.array(
             require_vector("about", (0.0,) * N if about is None else about, (N,))
         )
-        forces = forces.T[: mesh.nv][own]
+        forces = self._at_vertices(forces, boundaries)[own]
         arms = vertex_coordinates(mesh)[own] - about
         pairs = [(0, 1)] if N == 2 else [(1, 2), (2, 0), (0, 1)]
         moments = [
             arms[:, a] @ forces[:, b] - arms[:, b] @ forces[:, a] for a, b in pairs
         ]
         return processes.total(np.array(moments))
+
+    def _at_vertices(
+        self, forces: np.ndarray, boundaries: str | Sequence[str] | None
+    ) -> np.ndarray:
+        """Nodal forces at the vertices (vertices, N), zero off the boundaries if some are given."""
+        mesh = self.problem.mesh
+        forces = forces[:, : mesh.nv].T
+        if boundaries is None:
+            return forces
+        there = np.zeros((mesh.nv, 1), bool)
+        there[corner_vertices(mesh, boundary_names("boundaries", boundaries, mesh))] = (
+            True
+        )
+        return np.where(there, forces, 0.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bodies import STEEL
 from netgen.occ import Box, Compound, MoveTo, OCCGeometry, Rectangle, X, Y, Z
-from ngsolve import CF, Mesh, y
+from ngsolve import CF, Mesh, y, z
 from pairs import every_pair
 
 from ngepc import (
@@ -253,6 +253,21 @@ def test_a_force_at_a_point_is_what_the_supports_feel(solver):
     assert result.reaction == pytest.approx((-0.1, 0.2), abs=1e-12)
     moment = result.equilibrium.moment(result.equilibrium.reaction)
     assert moment == pytest.approx([0.2], abs=1e-12)
+
+
+@both
+@orders
+def test_the_torque_at_one_support_does_the_work_of_its_rotation(solver, order):
+    """An end of a bar turns about its axis: the energy is half the torque times the angle."""
+    angle, axis = 1e-4, (0.0, 0.5, 0.5)
+    bar = block.structured_mesh(3, 2, 2, simplices=True)
+    turned = {"right": (0, -angle * (z - 0.5), angle * (y - 0.5))}
+    result = solver(Problem(bar, ELASTIC, "left", prescribed=turned, order=order))
+    balance = result.equilibrium
+    torque = balance.moment(balance.reaction, axis, "right")
+    assert torque[0] * angle == pytest.approx(2 * result.primal_energy, rel=1e-9)
+    opposite = balance.moment(balance.reaction, axis, ["left"])
+    assert opposite == pytest.approx(-torque, abs=1e-9 * torque[0])
 
 
 @orders
