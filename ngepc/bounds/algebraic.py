@@ -5,15 +5,56 @@ It is bounded as the whole error is, with a discrete stress and discrete contact
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ngepc.bounds.convex import conjugate_of
 from ngepc.bounds.data import balanced_stress, spring_energy, strain_coordinates
-from ngepc.discretisation.factors import Factors
-from ngepc.local.system import State
+from ngepc.discretisation.factors import Factors, tangent_of
+from ngepc.linalg.direct import FactorisationError
+from ngepc.local.choice import DIRECT, fastest_solver
+from ngepc.local.system import DiscreteProblem, State
 
 
-def algebraic_part(state: State, tangent: Factors) -> float:
+class FewSolves:
+    """A tangent by the fastest linear solver of a body, with what ``balanced_stress`` needs.
+
+    For a few solves: where multigrid is faster than factors, these are made only if it fails.
+    """
+
+    moduli: Any = None
+
+    def __init__(self, discrete: DiscreteProblem) -> None:
+        slanted = discrete.supports.slanted is not None
+        solver = DIRECT if slanted else fastest_solver(discrete)
+        self._discrete = discrete
+        self._tangent = tangent_of(discrete, solver)
+
+    def update(self, moduli: Any) -> None:
+        """Take the tangent with these moduli."""
+        self.moduli = moduli
+        self._tangent.update(moduli)
+
+    def solve(self, forces: np.ndarray) -> np.ndarray:
+        """As of ``Factors``."""
+        try:
+            return self._tangent.solve(forces)
+        except FactorisationError:
+            if isinstance(self._tangent, Factors):
+                raise
+        self._tangent = Factors(self._discrete, DIRECT)
+        self._tangent.update(self.moduli)
+        return self._tangent.solve(forces)
+
+    def multiply(self, u: np.ndarray) -> np.ndarray:
+        """As of ``Factors``."""
+        if isinstance(self._tangent, Factors):
+            return self._tangent.multiply(u)
+        return self._tangent.multiply(u.ravel()).reshape(u.shape)
+
+
+def algebraic_part(state: State, tangent: Factors | FewSolves) -> float:
     """Upper bound of J(u) - J_h: the same bound with a discrete stress and discrete contact."""
     return algebraic_gap(state, *discrete_stress(state, tangent))
 
@@ -25,7 +66,9 @@ def discrete_forces(state: State) -> np.ndarray:
     return state.discrete.load - pushed
 
 
-def discrete_stress(state: State, tangent: Factors) -> tuple[np.ndarray, float]:
+def discrete_stress(
+    state: State, tangent: Factors | FewSolves
+) -> tuple[np.ndarray, float]:
     """A stress (points, c) near that of a state, in discrete equilibrium.
 
     The second result is what springs add to the bound.

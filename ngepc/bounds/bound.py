@@ -18,7 +18,12 @@ from typing import Any
 import numpy as np
 
 from ngepc._deprecated import old_names
-from ngepc.bounds.algebraic import algebraic_gap, discrete_forces, discrete_stress
+from ngepc.bounds.algebraic import (
+    FewSolves,
+    algebraic_gap,
+    discrete_forces,
+    discrete_stress,
+)
 from ngepc.bounds.corners import balanced_by_copy, pressure_on_copy, state_on_copy
 from ngepc.bounds.counterpart import carried_result, cut_into_simplices
 from ngepc.bounds.coverage import CONSTANT, check_covered, is_bilinear
@@ -125,7 +130,7 @@ def bound_on_copy(result: ExactResult) -> ErrorBound | None:
     if result.problem.order == 1 and not result.problem.contact_pairs:
         balanced = balanced_by_copy(own, discrete_forces(own), state, tangent, parents)
     else:
-        balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
+        balanced = discrete_stress(own, FewSolves(result.discrete))
     algebraic = algebraic_gap(own, *balanced) + max(state.energy - carried.energy, 0.0)
     P = pressure_on_copy(result, carried, bound_data.contact, parents)
     bound, _ = best_bound(bound_data, (state, moved, algebraic), tangent, P)
@@ -177,7 +182,7 @@ def bound_on_simplices(result: ExactResult) -> ErrorBound:
         parents = cut_mesh.parents[simplices]
         P = pressure_on_copy(made, given, bound_data.contact, simplices)
     own = result.state.with_radial_return()
-    balanced = discrete_stress(own, Factors(result.discrete, "sparsecholesky"))
+    balanced = discrete_stress(own, FewSolves(result.discrete))
     algebraic = algebraic_gap(own, *balanced)
     clear = stays_clear(result.state, bound_data, moved)
     replaced = clear and not is_bilinear(problem)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ngepc.bounds.algebraic import algebraic_part
+from ngepc.bounds.algebraic import FewSolves, algebraic_part
 from ngepc.bounds.coverage import check_covered
 from ngepc.bounds.data import BoundData, feasible_state
 from ngepc.bounds.held import holding_pressure
@@ -21,9 +21,11 @@ from ngepc.local.system import DiscreteProblem, State
 
 
 def bound_of(bound_data: BoundData, state: State) -> ErrorBound:
-    """The bound for a state, with factors of its own."""
-    tangent = Factors(bound_data.discrete, "sparsecholesky")
-    return bound_of_state(bound_data, state, tangent)
+    """The bound for a state, with a tangent of its own."""
+    discrete = bound_data.discrete
+    if bound_data.lower is None:
+        return bound_of_state(bound_data, state, Factors(discrete, "sparsecholesky"))
+    return bound_of_state(bound_data, state, FewSolves(discrete))
 
 
 def bound_data_of(discrete: DiscreteProblem) -> BoundData:
@@ -42,13 +44,15 @@ def data_on(discrete: DiscreteProblem) -> BoundData | RevolutionData:
     return (PlaneBoundData if discrete.problem.N == 2 else SolidBoundData)(discrete)
 
 
-def bound_of_state(bound_data: BoundData, given: State, tangent: Factors) -> ErrorBound:
+def bound_of_state(
+    bound_data: BoundData, given: State, tangent: Factors | FewSolves
+) -> ErrorBound:
     """The bound for a state on the mesh of the data; ``tangent`` may be that of an earlier one."""
     return bound_and_search(bound_data, given, tangent)[0]
 
 
 def bound_and_search(
-    bound_data: BoundData, given: State, tangent: Factors
+    bound_data: BoundData, given: State, tangent: Factors | FewSolves
 ) -> tuple[ErrorBound, Any]:
     """The same, and the solver that found the stress, see ``BestStress``."""
     check_sizes(given)
@@ -81,7 +85,7 @@ def bound_of_ring(
 def best_bound(
     bound_data: BoundData,
     given: tuple[State, float, float],
-    tangent: Factors,
+    tangent: Factors | FewSolves,
     pressure: np.ndarray | None,
 ) -> tuple[ErrorBound, Any]:
     """The same for an admissible state, with the numbers ``moved`` and ``algebraic``.

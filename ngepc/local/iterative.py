@@ -286,7 +286,11 @@ class IterativeTangent:
 
     def linearise(self, here: Iterate) -> None:
         """Assemble the tangent at a state; the first solve makes a hierarchy."""
-        self._storage.fill(here.moduli)
+        self.update(here.moduli)
+
+    def update(self, moduli: Any) -> None:
+        """The same for moduli."""
+        self._storage.fill(moduli)
         self._left_out = None
         self.back_substitutions = self.linear_iterations = 0
 

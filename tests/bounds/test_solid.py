@@ -22,6 +22,7 @@ from ngepc import (
     semismooth_newton,
     solve_to,
 )
+from ngepc.bounds.algebraic import FewSolves, algebraic_part
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.coverage import FACET_RULES
 from ngepc.bounds.data import Effort
@@ -32,6 +33,9 @@ from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
 from ngepc.goals.adaptive import Refinement
+from ngepc.linalg.direct import FactorisationError
+from ngepc.local import choice
+from ngepc.local.iterative import IterativeTangent
 from ngepc.model.kinematics import SOLID
 from ngepc.studies.bounds import LIMITS, bounded_example
 from ngepc.studies.large import indented_block
@@ -514,3 +518,24 @@ def test_adjoints_share_the_matrices_of_the_bound():
     delta = np.random.default_rng(0).standard_normal(shared.faces.free.shape)
     assert np.array_equal(shared.faces.product(delta), again.faces.product(delta))
     assert np.array_equal(shared.faces.smooth(delta), again.faces.smooth(delta))
+
+
+@pytest.mark.parametrize("gives_up", [False, True])
+def test_large_solids_of_order_two_are_balanced_by_multigrid(gives_up, monkeypatch):
+    """The algebraic part is that with factors, which take over where multigrid gives up."""
+
+    def fails(*args):
+        raise FactorisationError("no")
+
+    given = semismooth_newton(
+        replace(pressed(), order=2), options=NewtonOptions(max_iterations=2)
+    )
+    known = algebraic_part(given.state, Factors(given.discrete, "sparsecholesky"))
+    monkeypatch.setattr(choice, "MOST_BY_FACTORS", 0)
+    tangent = FewSolves(given.discrete)
+    assert isinstance(tangent._tangent, IterativeTangent)
+    if gives_up:
+        monkeypatch.setattr(IterativeTangent, "minimise", fails)
+    assert known > 1e-4 * given.primal_energy
+    assert algebraic_part(given.state, tangent) == pytest.approx(known, rel=1e-7)
+    assert isinstance(tangent._tangent, Factors) is gives_up
