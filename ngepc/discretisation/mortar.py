@@ -37,6 +37,9 @@ from ngepc.model.problem import Problem
 SLIVER = {1: 1e-8, 2: 1e-6}
 """Order -> smallest relative eigenvalue of a facet's mass matrix for biorthogonal functions."""
 
+HALF = 0.5
+"""Part of the mean of the second body that is free where that body moves."""
+
 COVERED = 1e-6  # rows with a smaller fraction of the largest weight are left out
 
 
@@ -53,8 +56,10 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
         )
     space = H1(problem.mesh, order=problem.order)
     means = _mortar_means(problem, space, one, at)
-    jumps = one.means(space, at.first, at.lam) - two.means(space, at.second, at.other)
+    opposite = two.means(space, at.second, at.other)
+    jumps = one.means(space, at.first, at.lam) - opposite
     free = supports.free[means.nodes]
+    free = free | ((means.averages @ opposite) @ supports.free.astype(float) > HALF)
     if pair.tied:
         return _tied_rows(means, jumps, free)
     normals = unit_vectors(means.averages @ at.normals)

@@ -237,6 +237,61 @@ def test_tied_bodies_carry_tension(N):
     assert result.contact_force == 0.0
 
 
+def pin_in_hub(pair, order):
+    """A warm pin is pushed through a hub that stands on a roller; the meshes do not match."""
+    pin, hub = Rectangle(1, 3).Face(), MoveTo(1, 0.5).Rectangle(1.5, 2).Face()
+    for body, name, maxh in ((pin, "pin", 0.31), (hub, "hub", 0.41)):
+        body.edges.name, body.faces.name, body.faces.maxh = "side", name, maxh
+    pin.edges.Max(X).name, pin.edges.Max(Y).name = "shaft", "pushed"
+    hub.edges.Min(X).name, hub.edges.Min(Y).name = "bore", "stands"
+    mesh = Mesh(OCCGeometry(Compound([pin, hub]), dim=2).GenerateMesh(maxh=1))
+    return Problem(
+        mesh,
+        ELASTIC,
+        None,
+        prescribed={"stands": (None, 0), "pushed": (None, -0.01)},
+        contact=Contact(*pair),
+        friction=Coulomb(0.1),
+        initial_strain=mesh.MaterialCF({"pin": 5e-4, "hub": 0.0}),
+        kinematics="axisymmetric",
+        order=order,
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("pair", [("bore", "shaft"), ("shaft", "bore")])
+def test_a_vertex_that_a_support_holds_feels_the_friction_of_the_other_body(
+    pair, order
+):
+    """All slides, so that the push is the coefficient times the force, whoever is first."""
+    result = solved(pin_in_hub(pair, order))
+    push = -result.equilibrium.reactions["pushed"][1]
+    assert push == pytest.approx(0.1 * result.contact_force, rel=1e-9)
+
+
+def glued(pair, order):
+    """Two layers, the lower one clamped at its left side, the upper one pulled at its right."""
+    lower, upper = Rectangle(2, 1).Face(), MoveTo(0, 1).Rectangle(2, 1).Face()
+    for body, maxh in ((lower, 0.31), (upper, 0.17)):
+        body.edges.name, body.faces.maxh = "side", maxh
+    lower.edges.Min(X).name, upper.edges.Max(X).name = "clamped", "pulled"
+    lower.edges.Max(Y).name, upper.edges.Min(Y).name = "below", "above"
+    mesh = Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=1))
+    load = {"pulled": (1.0, 0.0)}
+    contact = Contact(*pair, tied=True)
+    return Problem(mesh, ELASTIC, traction=load, contact=contact, order=order)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_glue_at_a_clamped_corner_holds_whoever_is_first(order):
+    """Where the first boundary began at the clamp the energy was off by a quarter and more."""
+    one, other = (
+        solved(glued(pair, order)).primal_energy
+        for pair in (("below", "above"), ("above", "below"))
+    )
+    assert one == pytest.approx(other, rel=1e-6)
+
+
 def test_primal_method_agrees():
     problem = stacked(2, friction=Coulomb(0.3))
     one, two = solved(problem), primal_newton(problem).raise_for_status()
