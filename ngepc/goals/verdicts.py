@@ -135,7 +135,9 @@ def verdict(
     problem = with_order_two(problem)
     run = run_to(problem, tolerance, options, decided, goal, hopeless)
     ending = clock.ending if clock.too_late else run.message
-    return verdict_of(run, limit, above, ending)
+    found = verdict_of(run, limit, above, ending)
+    sides = round_note(problem, SIDES)
+    return replace(found, sentence=" ".join(filter(None, [found.sentence, sides])))
 
 
 def with_order_two(problem: Problem) -> Problem:

@@ -1,6 +1,7 @@
 """What straight sides cut off bodies whose geometry is round."""
 
-from ngsolve import CF, Integrate, Mesh
+import numpy as np
+from ngsolve import BND, CF, ET, Integrate, IntegrationRule, Mesh, x, y, z
 
 from ngepc.checks.sentences import in_percent
 from ngepc.model.data import ProblemData
@@ -14,10 +15,17 @@ HALF_CIRCLE = 0.4
 """More of its length is not missing from an arc: 1 - 2/pi from a half circle with one side."""
 
 QUARTER = (0.2, 0.45)
-"""What is missing after halving the sides, relative to before: 1/4 for short sides.
+"""The largest sagitta after halving the sides, relative to before: 1/4 for short sides.
 
 On geometries that the mesh has left it is larger in the plane, and lies anywhere in space.
 """
+
+MIDDLES = {
+    ET.SEGM: IntegrationRule([(0.5,)], [1.0]),
+    ET.TRIG: IntegrationRule([(0.5, 0.5), (0.5, 0.0), (0.0, 0.5)], [1.0] * 3),
+    ET.QUAD: IntegrationRule([(0.5, 0.5), (0.5, 0.0), (0.0, 0.5)], [1.0] * 3),
+}
+"""Points of boundary elements whose distance to the geometry is taken."""
 
 MOST_ELEMENTS = 100_000
 """Meshes with more are not curved to see what is missing: they are fine, or it takes seconds."""
@@ -41,30 +49,43 @@ def cut_off(mesh: Mesh) -> dict[str, float]:
 
 
 def on_geometry(mesh: Mesh) -> bool:
-    """Whether what is missing becomes less with shorter sides as it does on the mesh's geometry.
+    """Whether sides are nearer to the geometry when they are shorter, as if their ends are on it.
 
     Netgen keeps the geometry of a mesh where it was when the mesh is scaled or moved.
     """
     if any(abs(part) > HALF_CIRCLE for name, part in cut_off(mesh).items() if name):
         return False
     least, most = QUARTER
-    before = _missing(mesh)
+    before = _sagitta(mesh)
     halved = mesh.ngmesh.Copy()
     halved.Refine()
-    after = _missing(Mesh(halved))
+    after = _sagitta(Mesh(halved))
     return least * before <= after <= most * before
 
 
-def _missing(mesh: Mesh) -> float:
-    """How much the sizes of the boundaries change with elements of order two."""
-    straight, curved = _sizes(mesh, 1), _sizes(mesh, 2)
-    return sum(abs(straight[name] - curved[name]) for name in straight if name)
+def _sagitta(mesh: Mesh) -> float:
+    """The largest distance (length) of sides from elements of order two on the geometry."""
+    straight, curved = _middles(mesh, 1), _middles(mesh, 2)
+    return float(np.linalg.norm(curved - straight, axis=1).max())
+
+
+def _middles(mesh: Mesh, order: int) -> np.ndarray:
+    """Points (n, N) of boundary elements of an order on the geometry."""
+    curved = _curved(mesh, order)
+    points = curved.MapToAllElements(MIDDLES, BND)
+    return CF((x, y, z)[: mesh.dim])(points)
+
+
+def _curved(mesh: Mesh, order: int) -> Mesh:
+    """A copy of the mesh with elements of an order on the geometry."""
+    curved = Mesh(mesh.ngmesh.Copy())
+    curved.Curve(order)
+    return curved
 
 
 def _sizes(mesh: Mesh, order: int) -> dict[str, float]:
     """The volume, "", and the size of each boundary, of elements of an order on the geometry."""
-    curved = Mesh(mesh.ngmesh.Copy())
-    curved.Curve(order)
+    curved = _curved(mesh, order)
     sizes = {"": Integrate(CF(1), curved)}
     for name in sorted(set(curved.GetBoundaries())):
         sizes[name] = Integrate(CF(1), curved, definedon=curved.Boundaries(name))

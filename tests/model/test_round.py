@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from netgen.occ import Cylinder, OCCGeometry, WorkPlane, Z
+from netgen.occ import Box, Cylinder, OCCGeometry, WorkPlane, Z
 from ngsolve import Mesh, x
 
 from ngepc import (
+    LoadWork,
     Material,
     Problem,
     confidence,
@@ -15,6 +16,7 @@ from ngepc import (
     load_cycle,
     semismooth_newton,
     solve_to,
+    verdict,
 )
 from ngepc.geometries import block, lshape
 from ngepc.model.round import cut_off, on_geometry, round_note
@@ -120,3 +122,34 @@ def test_a_coarse_mesh_is_on_its_geometry():
         coarse = {"curvaturesafety": safety, "segmentsperedge": 0.1}
         mesh = OCCGeometry(circle, dim=2).GenerateMesh(maxh=5, **coarse)
         assert on_geometry(Mesh(mesh))
+
+
+def test_the_coarsest_hole_in_a_box_is_on_its_geometry():
+    """Areas of the hole grow with order two, those of the ends become smaller."""
+    box = Box((0, 0, 0), (1, 1, 1)) - Cylinder((0.5, 0.5, -1), Z, 0.45, 3)
+    box.faces.name = "side"
+    mesh = Mesh(OCCGeometry(box).GenerateMesh(maxh=5, curvaturesafety=1))
+    missing = cut_off(mesh)[""]
+    assert missing < -0.1
+    assert on_geometry(mesh)
+    assert "the volume of the body is" in round_note(Problem(mesh, METAL, "side"))
+
+
+@pytest.mark.parametrize("body", [disc, rod])
+def test_a_small_shift_changes_little_of_what_is_said(body):
+    """By a tenth of the sagitta: the sides cut off what they did."""
+    mesh = body(0.5)
+    missing = cut_off(mesh)[""]
+    for point in mesh.ngmesh.Points():
+        point[0] += 0.005
+    mesh.ngmesh.Update()
+    moved = Mesh(mesh.ngmesh)
+    assert on_geometry(moved)
+    assert cut_off(moved)[""] == pytest.approx(missing, rel=0.05)
+
+
+def test_a_verdict_says_what_its_interval_lacks():
+    loads = {"springs": {"rim": (1.0, 1.0)}, "body_force": (1.0, 0)}
+    problem = Problem(disc(0.5), METAL, None, **loads)
+    found = verdict(problem, LoadWork(), at_most=100.0)
+    assert round_note(problem) in str(found)
