@@ -23,9 +23,10 @@ from ngepc.local.system import DiscreteProblem, State
 def bound_of(bound_data: BoundData, state: State) -> ErrorBound:
     """The bound for a state, with a tangent of its own."""
     discrete = bound_data.discrete
-    if bound_data.lower is None:
-        return bound_of_state(bound_data, state, Factors(discrete, "sparsecholesky"))
-    return bound_of_state(bound_data, state, FewSolves(discrete))
+    problem = discrete.problem
+    if problem.N == 3 and problem.order == 2:
+        return bound_of_state(bound_data, state, FewSolves(discrete))
+    return bound_of_state(bound_data, state, Factors(discrete, "sparsecholesky"))
 
 
 def bound_data_of(discrete: DiscreteProblem) -> BoundData:
