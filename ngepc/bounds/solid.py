@@ -21,6 +21,7 @@ any number of iterations.
 
 from __future__ import annotations
 
+import logging
 from copy import copy
 from itertools import islice
 from typing import NamedTuple
@@ -53,6 +54,8 @@ from ngepc.linalg.descent import conjugate_gradients
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.results.iteration import newton_iteration
+
+log = logging.getLogger(__name__)
 
 # which of the twelve moments of a tetrahedron belong to a vertex, shape (4, 12)
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
@@ -316,6 +319,7 @@ class SolidBoundData(BoundData):
         second result are the compliances (nt, 6, 6) there.
         """
         faces = self.faces
+        log.info("stress of an error bound on %d tetrahedra", len(z))
         at = self.conjugate.completed(z[:, None])
         H = self.conjugate.compliance(at)[:, 0]
         off = strain_coordinates(state) - self.conjugate.gradient(at)[:, 0]

@@ -174,6 +174,7 @@ class Increments:
         record = replace(steps[-1].record, time_error=apart)
         steps[-1] = replace(steps[-1], record=record)
         self.apart = apart
+        log.info("step to time %g: time error about %.2g", record.time, apart)
         if self.monitor is not None:
             for step in steps[-2:]:
                 self.monitor(step)
@@ -223,6 +224,9 @@ def preview(run: Run, ends: list[float], difference: Difference) -> None:
         if not status.is_success:
             break
         difference.see(run.evolution.steps[-1])
+        log.info(
+            "step to time %g: solved for the sizes that errors are relative to", end
+        )
     run.restore(state)
 
 

@@ -251,7 +251,7 @@ def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
     if not isinstance(goal, ContactForceOn):
         zero = np.zeros(len(bound_data.contact.nodes))
         terms = _without_facets(goal, problem, zero)
-        _check_outer(goal, bound_data)
+        _check_outer(terms, bound_data)
         return terms
     names = boundary_names("boundary", goal.boundary, problem.mesh)
     on = bound_data.boundary.contact_of(names).astype(float)
@@ -260,15 +260,11 @@ def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
     return GoalTerms(f"contact force on {goal.boundary}", None, on, None)
 
 
-def _check_outer(goal: object, bound_data: BoundData) -> None:
-    """ValueError if a mean displacement or a traction of a goal is that of a line inside."""
-    if isinstance(goal, MeanDisplacement):
-        names = boundary_names("boundary", goal.boundary, bound_data.problem.mesh)
-        bound_data.boundary.on(names, f"boundary={goal.boundary!r}")
-    if isinstance(goal, LoadWork):
-        for name in goal.traction or ():
-            names = boundary_names("traction", name, bound_data.problem.mesh)
-            bound_data.boundary.on(names, f"traction[{name!r}] of the goal")
+def _check_outer(terms: GoalTerms, bound_data: BoundData) -> None:
+    """ValueError if a traction of a goal acts on a line inside the body."""
+    loaded = () if terms.load is None else terms.load.tractions
+    for name in loaded:
+        bound_data.boundary.on((name,), f"boundary={name!r} of the goal")
 
 
 def _without_facets(goal: object, problem: Problem, zero: np.ndarray) -> GoalTerms:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -33,6 +34,8 @@ from ngepc.local.system import State
 from ngepc.model.data import DefaultOrder
 from ngepc.model.problem import Problem
 from ngepc.model.round import round_note
+
+log = logging.getLogger(__name__)
 
 PASS = "PASS"
 FAIL = "FAIL"
@@ -299,6 +302,7 @@ def _estimated(result: object, problem: Problem, reason: str) -> str:
             other = made(problem)
             if other is None:
                 continue
+            log.info("no bound; solved for an estimate by %s", name)
             solved = solve_exactly(
                 other, None, TOLERANCE, MOST_STEPS, "sparsecholesky", None
             )

@@ -94,6 +94,18 @@ def test_a_step_that_yields_at_its_end_is_divided_there():
     assert found.steps[1].record.time_error > 1e-4
 
 
+def test_what_takes_long_is_logged(caplog):
+    """The steps that are solved once, and the time error of every second step that is kept."""
+    problem, schedule = sphere()
+    with caplog.at_level("INFO", "ngepc.evolution.increments"):
+        found = evolve(problem, schedule, accuracy=0.5)
+    said = [record.getMessage() for record in caplog.records]
+    assert said[0].startswith("step to time 1: solved")
+    errors = [text for text in said if "time error" in text]
+    assert len(errors) == len(found.steps) / 2
+    assert errors[-1].endswith(f"{found.time_error:.2g}")
+
+
 def test_accuracy_is_reached():
     problem, schedule = sphere()
     errors = []

@@ -229,6 +229,22 @@ def test_two_bodies_with_any_law_have_a_bound(law):
     assert max(coarse.least_energy, fine.least_energy) < min(coarse.energy, fine.energy)
 
 
+def test_the_steps_of_a_bound_and_of_an_estimate_are_logged(caplog):
+    """Three stresses for a body of order two in space; none for one without a bound."""
+    cube = block.structured_mesh(1, 1, 1, simplices=True)
+    pulled = Problem(cube, MATERIAL, traction={"contact": (0, 0, 1.0)}, order=2)
+    varying = pulled.changed(material=replace(MATERIAL, lame_mu=1e3 + x))
+    found = []
+    for problem in (pulled, varying):
+        caplog.clear()
+        with caplog.at_level("INFO", "ngepc"):
+            confidence(semismooth_newton(problem))
+        said = [record.getMessage() for record in caplog.records]
+        of_bound = sum(text.startswith("stress of an error bound") for text in said)
+        found.append((of_bound, any("for an estimate by" in text for text in said)))
+    assert found == [(3, False), (0, True)]
+
+
 def test_the_estimate_of_a_curved_body_is_that_of_the_displacements():
     """Lame's tube: refined elements are curved, too, or the estimate is that of the polygon.
 
