@@ -12,7 +12,7 @@ are averaged at their nodes; faces that meet at an angle have a row each.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ from ngsolve import H1, FESpace, GridFunction
 from scipy.sparse import csr_matrix, diags, eye, vstack
 from scipy.sparse.linalg import spsolve
 
-from ngepc.checks.arguments import Coefficient
+from ngepc.checks.arguments import Coefficient, boundary_names, is_number
 from ngepc.discretisation.gap_records import gap_records, mapped_facets
 from ngepc.discretisation.loads import Supports, given_at, nodal, nodes_at
 from ngepc.discretisation.mortar import mortar_rows
@@ -80,7 +80,10 @@ class ContactConditions:
         self.rollers = {
             p: slice(*ends[k : k + 2]) for k, p in enumerate(rollers, len(pairs))
         }
-        self.friction = friction_cone(problem, rows)
+        self._on_pairs = [
+            slice(*ends[k : k + 2]) for k in range(len(problem.contact_pairs))
+        ]
+        self.friction = self._friction_cone(problem)
         self.processes = problem.nodal_processes
         self._own_rows = self.processes.owned(rows.nodes)
         self._vertices = problem.processes
@@ -202,14 +205,54 @@ class ContactConditions:
 
         A row that several boundaries share is divided by their areas.
         """
-        names = self._obstacle_names
-        shares = np.zeros((len(names), len(self.rows)))
-        if self._row_gaps is not None:
-            known = self._row_gaps.shares(len(names))[self._movable]
-            shares[:, self.on_obstacles] = known.toarray().T
+        shares = self._shares()
         tangents = np.repeat(shares, self.friction.d, axis=1)
         parts = np.hstack([shares, tangents]) * x
-        return dict(zip(names, parts, strict=True))
+        return dict(zip(self._obstacle_names, parts, strict=True))
+
+    def _shares(self) -> np.ndarray:
+        """The part of each row that belongs to each boundary with an obstacle, (names, m)."""
+        count = len(self._obstacle_names)
+        shares = np.zeros((count, len(self.rows)))
+        if self._row_gaps is not None:
+            known = self._row_gaps.shares(count)[self._movable]
+            shares[:, self.on_obstacles] = known.toarray().T
+        return shares
+
+    def given_at_rows(self, problem: Problem, value: Coefficient) -> np.ndarray:
+        """A coefficient at the nodes of the rows, each on its own boundary, shape (m,).
+
+        Where boundaries meet, it may jump between their rows; of two bodies it is that of the first
+        boundary.
+        """
+        if is_number(value):
+            return np.full(len(self.rows), float(value))
+        found = np.zeros(len(self.rows))
+        for name, share in zip(self._obstacle_names, self._shares(), strict=True):
+            found += share * at_rows(problem, self.rows, value, [name])
+        for pair, on in zip(problem.contact_pairs, self._on_pairs, strict=True):
+            first = boundary_names("contact", pair.first, problem.mesh)
+            found[on] = at_rows(problem, self.rows, value, first)[on]
+        return found
+
+    def _friction_cone(self, problem: Problem) -> FrictionCone:
+        """The law of contact and friction row by row, without tangents if there is no friction."""
+        law = problem.friction
+        rows = self.rows
+        coefficient = np.zeros(len(rows))
+        limit = None
+        if isinstance(law, Coulomb):
+            coefficient = self.given_at_rows(problem, law.coefficient)
+            limit = law.limit
+        elif law is not None:
+            coefficient = np.full(len(rows), np.inf)
+            limit = law
+        cap = np.full(len(rows), np.inf)
+        if limit is not None:
+            cap = rows.weights * self.given_at_rows(problem, limit)
+        tangents = 0 if law is None else problem.N - 1
+        coefficient = np.where(rows.tied, 0.0, coefficient)
+        return FrictionCone(cap, coefficient, rows.tied, tangents)
 
     def at_vertices(self, values: np.ndarray) -> np.ndarray:
         """Sums at the vertices of values (m, ...) of the rows of all processes."""
@@ -265,29 +308,15 @@ class ContactConditions:
         return float(self.sum_of(self.bound(x) * np.where(size > rounding, size, 0.0)))
 
 
-def friction_cone(problem: Problem, rows: ContactRows) -> FrictionCone:
-    """The law of contact and friction row by row, without tangents if there is no friction."""
-    law = problem.friction
-    coefficient = np.zeros(len(rows))
-    limit = None
-    if isinstance(law, Coulomb):
-        coefficient = at_rows(problem, rows, law.coefficient)
-        limit = law.limit
-    elif law is not None:
-        coefficient = np.full(len(rows), np.inf)
-        limit = law
-    cap = np.full(len(rows), np.inf)
-    if limit is not None:
-        cap = rows.weights * at_rows(problem, rows, limit)
-    tangents = 0 if law is None else problem.N - 1
-    coefficient = np.where(rows.tied, 0.0, coefficient)
-    return FrictionCone(cap, coefficient, rows.tied, tangents)
+def at_rows(
+    problem: Problem, rows: ContactRows, value: Coefficient, names: Sequence[str]
+) -> np.ndarray:
+    """A coefficient on some boundaries at the nodes of the rows there, shape (m,).
 
-
-def at_rows(problem: Problem, rows: ContactRows, value: Coefficient) -> np.ndarray:
-    """A coefficient at the nodes of the rows, linear between vertices, shape (m,)."""
+    It is linear between vertices, and means nothing for rows elsewhere.
+    """
     space = H1(problem.mesh, order=1)
-    nodes, values = given_at(space, "|".join(problem.touching_names), value)
+    nodes, values = given_at(space, "|".join(names), value)
     # values and how many: not on all processes with a vertex
     sums = np.zeros((space.ndof, 2))
     sums[nodes] = np.column_stack([values, np.ones(len(nodes))])

@@ -27,7 +27,7 @@ from ngepc.checks.arguments import (
 from ngepc.checks.declared import Declared, Text
 from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.checks.sentences import in_words
-from ngepc.discretisation.conditions import at_rows, roller_rows
+from ngepc.discretisation.conditions import roller_rows
 from ngepc.discretisation.finer import seen, seen_problem
 from ngepc.discretisation.gap_records import nearer_between_nodes
 from ngepc.discretisation.hill_law import HillLaw
@@ -150,7 +150,7 @@ def changed_data(state: State, direction: Direction) -> Data:
         return on_moving_mesh(state, motion) + Data(shape=motion)
     if datum == "friction":
         require_field(datum, change, problem.mesh, problem.touching_names)
-        values = at_rows(problem, discrete.rows, change)
+        values = discrete.contact.given_at_rows(problem, change)
         if isinstance(problem.friction, Coulomb):
             return Data(coefficient=values)
         return Data(cap=discrete.rows.weights * values)

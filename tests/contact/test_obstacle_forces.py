@@ -61,6 +61,20 @@ def test_forces_with_friction_add_up_to_the_resultant():
         assert 0 < abs(force[1 - axis]) <= 0.2 * force[axis] + 1e-8
 
 
+@pytest.mark.parametrize("law", [Coulomb, lambda bound: bound])
+def test_a_smooth_wall_beside_a_rough_floor_carries_no_shear(law):
+    """The mean of both coefficients acted at their common vertex."""
+    mesh = block.structured_mesh(4, 3)
+    friction = law(mesh.BoundaryCF({"clamped": 0.3, "left": 0.0}))
+    pushed = in_a_corner(
+        (4, 3), "left|clamped", body_force=(-5.0, -3.0), friction=friction
+    ).changed(mesh=mesh)
+    forces = semismooth_newton(pushed).obstacle_forces
+    assert forces["left"][1] == 0
+    assert forces["clamped"][1] == pytest.approx(3.0, rel=1e-9)
+    assert 0 < forces["clamped"][0] <= 0.3 * 3.0 + 1e-9
+
+
 def test_a_face_with_two_names_is_divided_where_they_meet():
     """The pressure of a plate on a block without lateral strain is the same everywhere."""
     column = Material.kinematic(
