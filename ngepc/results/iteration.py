@@ -349,14 +349,24 @@ def is_within(here: Iterate, tolerance: float) -> bool:
 
 
 def falls(history: History) -> bool:
-    """Whether the last step has lowered the energy by more than ``SAME_ENERGY`` of it.
+    """Whether the last step has lowered the energy by more than ``least_fall``.
 
     The energy is quadratic in the error of u, and rounding changes it by less.
     """
     if len(history.records) < 2:
         return False
     before, last = (record.energy for record in history.records[-2:])
-    return before - last > SAME_ENERGY * abs(last)
+    return before - last > least_fall(history)
+
+
+def least_fall(history: History) -> float:
+    """A fall of the energy (force times length) that counts.
+
+    ``SAME_ENERGY`` of the last one, and where nothing is strained what rounding of u leaves of the
+    largest.
+    """
+    energies = np.abs([record.energy for record in history.records])
+    return float(SAME_ENERGY * energies[-1] + EPSILON**2 * energies.max())
 
 
 def keeps_falling(history: History, max_iterations: int) -> bool:
@@ -371,7 +381,7 @@ def keeps_falling(history: History, max_iterations: int) -> bool:
         return False
     ratio = min(fallen[-1] / fallen[0], 1.0) ** (1 / (OBSERVED - 1))
     left = max_iterations - records[-1].iteration
-    return bool(fallen[-1] * ratio**left > SAME_ENERGY * abs(energies[-1]))
+    return bool(fallen[-1] * ratio**left > least_fall(history))
 
 
 def no_descent(here: Iterate, within: bool, falling: bool) -> tuple[Status, str]:
