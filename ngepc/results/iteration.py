@@ -370,7 +370,7 @@ def least_fall(history: History) -> float:
 
 
 def keeps_falling(history: History, max_iterations: int) -> bool:
-    """Whether the energy would still fall by more than ``SAME_ENERGY`` in the last step allowed.
+    """Whether the energy would still fall by more than ``least_fall`` in the last step allowed.
 
     The falls of the last steps are continued as a geometric sequence.
     """
