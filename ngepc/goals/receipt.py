@@ -55,7 +55,9 @@ COVERS -= {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
 COVERS -= {"axisymmetric"}
 """Features that receipts cover; of rollers those along an axis, which hold a component."""
 
-CLEARANCE = 1e-11
+NO_OBSTACLE = 1e19
+"""The gap of a receipt where there is no obstacle."""
+CLEARANCE = 1e-10
 """Fraction of the largest displacement by which bodies are moved away from the obstacle."""
 CLEAR_OF_GOAL = 1e-7
 """The same for intervals of goals; mostly the distance is smaller."""
@@ -69,7 +71,7 @@ WIDER = 1e-12
 """Fraction of the intervals by which claims are widened, for rounding on other machines."""
 BISECTIONS = 6
 """No cell is bisected more often, but for its neighbours."""
-LOSS = 0.02
+LOSS = 0.07
 """Part of the error bound that the checker may lose on cells that are not bisected."""
 _CENTRE = {
     2: IntegrationRule([(1 / 3, 1 / 3)], [1.0]),
@@ -303,16 +305,14 @@ class FileOf:
     def supports(self) -> dict[str, np.ndarray]:
         """Which components are held, and which sides have an obstacle."""
         boundary = self.bound_data.boundary
-        contact = np.zeros(len(self.bound_data.cells.facets), dtype=bool)
-        contact[boundary.contact] = True
-        arrays = {"held": ~boundary.given, "contact": contact}
+        arrays = {"held": ~boundary.given}
         return {name: self.cells.of_facets(v) for name, v in arrays.items()}
 
     def loads(self, bound: ErrorBound) -> dict[str, np.ndarray]:
         """Tractions, obstacle and pressure on the sides of the boundary."""
         boundary = self.bound_data.boundary
         c = self.bound_data.cells
-        gap = np.zeros((len(c.facets), c.N))
+        gap = np.full((len(c.facets), c.N), NO_OBSTACLE)
         gap[boundary.contact] = boundary.gap
         pressure = np.zeros((len(c.facets), c.N))
         pressure[boundary.contact] = bound.pressure
@@ -378,7 +378,8 @@ def law_rows(bound_data: BoundData) -> np.ndarray:
     lame = np.asarray(bound_data.discrete.points.at(material.lame_lambda))
     bulk = basis.shape[1] * lame + law.two_mu
     moduli = np.column_stack([bulk, law.two_mu / 2, law.hardening, law.beta])
-    rows = np.hstack([moduli, tensors(law.initial), tensors(law.back)])
+    start = law.two_mu[:, None] * law.initial
+    rows = np.hstack([moduli, tensors(start), tensors(law.back)])
     return rows[:: bound_data.each]
 
 

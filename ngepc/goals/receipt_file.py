@@ -18,7 +18,7 @@ LAYERED = "u", "stress", "body_force", "traction", "gap", "pressure"
 """Arrays with a layer for the energy, and one for the adjoint of a goal."""
 NAMES = (
     "points", "cells", "other", "u", "stress", "law", "body_force", "passed", "tangent",
-    "held", "contact", "traction", "gap", "pressure",
+    "held", "traction", "gap", "pressure",
 )  # fmt: skip
 """The arrays in their order."""
 ROOM = 0.1
@@ -44,7 +44,7 @@ def in_file_order(
     last = {name: cells_last(name, values) for name, values in layers[0].items()}
     for name in LAYERED:
         rows = [cells_last(name, layer[name]) for layer in layers]
-        last[name] = np.stack(rows, axis=-2)
+        last[name] = np.stack(rows)
     L = len(layers)
     K = len(cells.cells)
     last |= {"points": cells.points.T, "cells": cells.cells.T, "other": cells.other}
@@ -74,17 +74,26 @@ def proved_intervals(words: np.ndarray, header: dict[str, object]) -> dict[str, 
 
 def lossy(r: check_receipt.Body, allowed: float) -> np.ndarray:
     """Cells whose bounds of plastic energies lose most; the others lose less than ``allowed``."""
-    missing = (r.stress - r.trial)[:, :, 0]
-    s = r.trial[:, 1:, 0] - r.back
-    x = r.stress[:, 1:, 0] - r.back
+    trial = trial_stress(r)[0]
+    missing = r.stress[0] - trial
+    s = trial[:, 1:] - r.back
+    x = r.stress[0, :, 1:] - r.back
     exact = check_receipt.inner(missing, missing / r.moduli)
     exact -= mean_squared_excess(s, r.beta) / (2 * r.mu + r.hardening)
     exact += mean_squared_excess(x, r.beta) / r.hardening
-    loss = r.volume * np.abs(r.densities()[1] - exact / 2)
+    _, gap = r.densities(slice(None))[:2]
+    loss = r.volume * np.abs(gap - exact / 2)
     order = loss.argsort()
     found = np.zeros(r.K, dtype=bool)
     found[order] = np.cumsum(loss[order]) > allowed
     return found
+
+
+def trial_stress(r: check_receipt.Body) -> np.ndarray:
+    """The trial stresses (L, k, c, K) with the coefficients of stresses."""
+    if r.degree == 1:
+        return r.trial
+    return (r.trial[:, [0, 1, 2, 1, 0, 0]] + r.trial[:, [0, 1, 2, 2, 2, 1]]) / 2
 
 
 def mean_squared_excess(field: np.ndarray, beta: np.ndarray) -> np.ndarray:
@@ -99,7 +108,8 @@ def mean_squared_excess(field: np.ndarray, beta: np.ndarray) -> np.ndarray:
         inside = np.array(rule.points)[:, : 3 if k == 4 else 2]
         shares = np.column_stack([inside, 1 - inside.sum(axis=1)])
         at = quadratics(shares) if k == 6 else shares
-    size = check_receipt.lengths(np.einsum("qk,kcK->qcK", at, field))
+    at = np.einsum("qk,kcK->qcK", at, field)
+    size = np.sqrt(np.einsum("qcK,qcK->qK", at, at))
     return weights @ np.maximum(size - beta, 0.0) ** 2
 
 
@@ -112,6 +122,8 @@ def cells_last(name: str, values: np.ndarray) -> np.ndarray:
     """An array with the cells last; of stresses (parts, k, c) the coefficients come first."""
     if name == "stress":
         return values.transpose(1, 2, 0)
+    if name == "traction":
+        return values.transpose(2, 1, 0)
     return np.moveaxis(values, 0, -1)
 
 
@@ -173,11 +185,13 @@ def passed(
 def best_tangent(r: check_receipt.Body, sign: int) -> np.ndarray:
     """The numbers r of ``TANGENTS`` with the least suprema."""
     H = r.hardening / (2 * r.mu)
-    x = r.stress[:, 1:, 0] - r.back
-    p = x + sign * r.stress[:, 1:, 1]
-    y = p + r.trial[:, 1:, 0] - r.back - sign * r.trial[:, 1:, 1]
+    x = r.stress[0, :, 1:] - r.back
+    p = x + sign * r.stress[1, :, 1:]
+    trial = trial_stress(r)[:, :, 1:]
+    y = p + trial[0] - r.back - sign * trial[1]
     v = p + H * y
-    more = check_receipt.lengths(v).mean(axis=0) - r.beta * (1 + 2 * H)
+    length = np.sqrt(np.einsum("kcK,kcK->kK", v, v))
+    more = length.mean(axis=0) - r.beta * (1 + 2 * H)
     guess = np.maximum(more, 0.0) / (2 * H * (1 + H))
     best = np.full(r.K, np.inf)
     found = np.zeros(r.K)

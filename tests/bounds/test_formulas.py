@@ -64,15 +64,14 @@ def test_one_pressure_of_an_adjoint_that_is_too_large_is_refused(written):
     """It is at most lambda times that of the solution at each point, not somewhere."""
     arrays, header = written
     proved_intervals(packed(arrays), header)
-    own = arrays["pressure"][:, 0]
+    own = arrays["pressure"][0]
     place = np.unravel_index(np.argmax(own), own.shape)
     for sign in (1, -1):
         pressure = arrays["pressure"].copy()
-        pressure[:, 1][place] = sign * 1.001 * own[place]
+        pressure[1][place] = sign * 1.001 * own[place]
         words = packed(arrays | {"pressure": pressure})
-        body = check_receipt.Body(words, header)
         with pytest.raises(ValueError, match=r"^pressure: "):
-            body.obstacle()
+            check_receipt.Body(words, header)
 
 
 @pytest.mark.parametrize("stretched", [1.0, 1e-12, 1e3])

@@ -20,6 +20,7 @@ from ngsolve import ET, IntegrationRule
 
 from ngepc import error_bound, goal_bound, semismooth_newton, write_receipt
 from ngepc.goals import check_receipt
+from ngepc.goals.receipt import NO_OBSTACLE
 from ngepc.goals.receipt_file import packed
 from ngepc.studies.work import Work
 
@@ -174,7 +175,7 @@ class Judge:
         large = WRONG * np.abs(a["u"]).max()
         self.moved = np.zeros_like(a["traction"])
         self.measure = np.zeros(len(rows))
-        if (a["pressure"] < 0).any() or a["pressure"][a["contact"] == 0].any():
+        if (a["pressure"] < 0).any():
             return True
         shares = rule(self.N - 1)[0]
         self.room = np.zeros_like(a["gap"])
@@ -184,7 +185,7 @@ class Judge:
             self.measure[row] = np.linalg.norm(area)
             room = self.room[row] = a["gap"][row] - u @ area / self.measure[row]
             least = (bernstein(shares, len(room)) @ room).min()
-            if a["contact"][row] and min(least, *room[: self.N]) < -large:
+            if min(least, *room[: self.N]) < -large:
                 return True
         return False
 
@@ -208,7 +209,7 @@ class Judge:
                 @ (a["goal_contact"][row] - z @ area / self.measure[row])
             )
             room = bernstein(shares, len(z)) @ self.room[row]
-            if a["contact"][row] and (missed > factor * room + large).any():
+            if (missed > factor * room + large).any():
                 return True
         return False
 
@@ -398,10 +399,9 @@ def by_layers(arrays, header):
     """The arrays of a file without layers: those of the adjoint, times the factor, by name."""
     found = dict(arrays)
     for name, second in ADJOINT.items():
-        layers = np.moveaxis(arrays[name], -2, 0)
-        found[name] = layers[0]
-        if len(layers) > 1:
-            found[second] = header["factor"] * layers[1]
+        found[name] = arrays[name][0]
+        if len(arrays[name]) > 1:
+            found[second] = header["factor"] * arrays[name][1]
     return found
 
 
@@ -415,21 +415,22 @@ def by_cells(arrays, header):
     for column, name in enumerate(("bulk", "mu", "hardening", "beta")):
         found[name] = law[:, column]
     found["lame_lambda"] = (found.pop("bulk") - 2 * found["mu"]) / n
-    histories = dict(
-        zip(("initial", "back"), np.split(law[:, 4:], 2, axis=1), strict=True)
-    )
-    for name, values in histories.items():
+    start, back = np.split(law[:, 4:], 2, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        initial = start / (2 * law[:, 1:2])
+    for name, values in (("initial", initial), ("back", back)):
         no_mean = np.zeros((len(values), 1))
         found[name] = tensors(np.hstack([no_mean, values]), N, n)[:, None]
     for name in {"stress", "tau"} & set(found):
         found[name] = tensors(found[name], N, n)
+    for name in {"traction", "goal_traction"} & set(found):
+        found[name] = found[name].swapaxes(1, 2)
     sides = sides_of(found["cells"][:, : N + 1])
     free = [
         (k, cell, key) for key, at in sides.items() if len(at) == 1 for cell, k in at
     ]
     found["boundary"] = np.array([key for _, _, key in sorted(free)])
-    for name in ("held", "contact"):
-        found[name] = found[name] != 0
+    found["held"] = found["held"] != 0
     return found
 
 
@@ -494,7 +495,8 @@ def changed(arrays, header, random):
     name = str(random.choice([name for name in arrays if arrays[name].size]))
     values = arrays[name]
     place = tuple(int(random.integers(size)) for size in values.shape)
-    scale = float(np.abs(values).max()) or 1.0
+    near = values[np.abs(values) < NO_OBSTACLE]
+    scale = float(np.abs(near).max(initial=0.0)) or 1.0
     old = values[place]
     if values.dtype.kind in "biu":
         values[place] = (

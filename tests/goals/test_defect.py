@@ -134,12 +134,10 @@ def test_forces_that_split_and_go_round_are_bounded(name, tmp_path):
         missed, norm = virtual_work(arrays, header, w)
         assert abs(missed) <= b * norm
     total = passed.sum(axis=1)
-    for size, error in ((1 - 1e-9, "^passed: too little"), (-1.0, "^passed: negative")):
-        cell = np.unravel_index(total[0].argmin(), total[0].shape)[0]
-        less = passed.copy()
-        less[0, :, cell] *= size
-        with pytest.raises(ValueError, match=error):
-            check_receipt.Body(packed(arrays | {"passed": less}), header).defect()
+    less = passed.copy()
+    less[0, :, total[0].argmin()] *= 1 - 1e-9
+    with pytest.raises(ValueError, match=r"^passed: too little"):
+        check_receipt.Body(packed(arrays | {"passed": less}), header).defect()
 
 
 def round_about(r, component, random):
@@ -158,7 +156,7 @@ def round_about(r, component, random):
 
 def virtual_work(arrays, header, w):
     """int S : eps(w) less the work of the loads, and the norm of eps(w), by quadrature."""
-    judge = Judge(arrays | {"u": w[:, None]}, header)
+    judge = Judge(arrays | {"u": w[None]}, header)
     a = judge.a
     sides = judge._sides()
     rows = [tuple(row) for row in a["boundary"].tolist()]
@@ -212,10 +210,9 @@ def test_residuals_of_a_polynomial_stress(order, tmp_path):
         found[3 + place] = 2 * found[3 + place] - (found[i] + found[j]) / 2
     tensors = np.zeros((*found.shape[::2], 3, 3))
     tensors[..., [0, 1, 0, 1], [0, 1, 1, 0]] = found[:, [0, 1, 2, 2]].swapaxes(1, 2)
-    values = np.moveaxis(basis_coordinates(tensors, header["kinematics"]), 2, 1)[
-        :, :, None
-    ]
-    missed = [divergence(point) + arrays["body_force"][:, 0] for point in at[:3]]
+    coordinates = basis_coordinates(tensors, header["kinematics"])
+    values = np.moveaxis(coordinates, 2, 1)[None]
+    missed = [divergence(point) + arrays["body_force"][0] for point in at[:3]]
     expected = np.abs(missed).max(axis=0) * area
     r = check_receipt.Body(packed(arrays | {"stress": values}), header)
     within = (r.other.reshape(3, -1) != np.arange(r.other.size).reshape(3, -1)).all(
