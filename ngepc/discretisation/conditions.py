@@ -12,7 +12,7 @@ are averaged at their nodes; faces that meet at an angle have a row each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ from scipy.sparse.linalg import spsolve
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
 from ngepc.discretisation.gap_records import gap_records, mapped_facets
 from ngepc.discretisation.loads import Supports, given_at, nodal, nodes_at
-from ngepc.discretisation.mortar import mortar_rows
+from ngepc.discretisation.mortar import HALF, mortar_rows
 from ngepc.discretisation.rows import (
     ContactRows,
     joined,
@@ -69,8 +69,10 @@ class ContactConditions:
         self._movable = obstacles.movable(supports.free)
         parts = [obstacles.chosen(self._movable)]
         for pair in pairs:
-            tied = pair.tied.all()
-            parts.append(pair if tied else pair.chosen(pair.movable(supports.free)))
+            if pair.tied.all():
+                parts.append(pair.chosen(not_implied(pair, rollers.values())))
+            else:
+                parts.append(pair.chosen(pair.movable(supports.free)))
         parts += rollers.values()
         rows = joined(parts)
         ends = np.cumsum(list(map(len, parts))).tolist()
@@ -306,6 +308,27 @@ class ContactConditions:
         """The sum of b |slip| over the rows (force times length), without slips below rounding."""
         size = np.linalg.norm(self.tangential(gaps), axis=1)
         return float(self.sum_of(self.bound(x) * np.where(size > rounding, size, 0.0)))
+
+
+def not_implied(tied: ContactRows, rollers: Iterable[ContactRows]) -> np.ndarray:
+    """Numbers of the rows of glue that rollers and other rows of the same node do not imply.
+
+    Where rollers hold both bodies along d, d . (u_1 - u_2) = 0 already: of the rows along the axes
+    that of the largest component of d is left out.
+    """
+    implied = np.zeros(len(tied), bool)
+    for held in rollers:
+        count = tied.normal.shape[1] // tied.normals.shape[1]
+        d = np.zeros((count, tied.normals.shape[1]))
+        d[held.nodes] = held.normals
+        own = d[tied.nodes]
+        largest = np.abs(own).argmax(axis=1) == np.abs(tied.normals).argmax(axis=1)
+        component = np.einsum("mc,mc->m", own, tied.normals)
+        left = np.abs(
+            tied.normal @ d.ravel()
+        )  # what the second body does not do likewise
+        implied |= (component != 0) & largest & (left < HALF * np.abs(component))
+    return np.flatnonzero(~implied)
 
 
 def at_rows(
