@@ -76,9 +76,13 @@ def plot_field(
     vmin, vmax
         Ends of the colour scale; by default percentiles (``colour_scale``), with arrows on the
         colour bar where values lie outside.
-    title, mesh_lines, units
-        Title (by default how the problem was solved; behind it the factor on the displacement,
-        if it is not 1), whether to draw the mesh, units.
+    title
+        By default how the problem was solved; behind it the factor on the displacement, if it is
+        not 1.
+    mesh_lines
+        Whether to draw the mesh.
+    units
+        Names of the units, for the axes and the colour bar.
     view
         Where solids are seen from: degrees around the z axis and above the xy plane.
     body
