@@ -77,10 +77,13 @@ def supremum(y: ndarray, w: ndarray, r: ndarray, H: ndarray, beta: ndarray) -> n
     V = beta * (1 + 2 * H)
     r = np.clip(r, 0.0, np.maximum(size(w) - V, 0.0) / b)
     W = V + 2 * b * r
-    D, over = outside(y, 2 * beta)
+    z = beta * y + r * w
+    m = np.maximum(np.sqrt(einsum("kcK,kcK->kK", z, z)), 2 * beta**2)[:, None]
+    D = y * (1 - 2 * beta**2 / m) - w * (2 * beta * r / m)
+    A = beta * np.sqrt(einsum("kcK,kcK->kK", D, D))
     z = beta * D + r * w
     n = z.mean(axis=0)
-    gained = einsum("kcK,cK->kK", z, n / (size(n) + 1 / LARGEST)) - beta * over
+    gained = einsum("kcK,cK->kK", z, n / (size(n) + 1 / LARGEST)) - A
     short = (r > 0) * np.maximum(W - gained / np.where(r > 0, r, 1.0), 0.0)
     excess, _ = outside(w, W)
     square = inner(excess, excess) + (short**2).mean(axis=0)
@@ -202,8 +205,7 @@ class Body:
         self.rest = 30 * self.L * self.wrong * (density + self.load * moves)
         u = self.u.take(self.ends, axis=2)
         room = self.gap - einsum("LxtB,xB->LtB", u, self.normal)
-        near = (self.N * np.abs(u).max(axis=1) + np.abs(self.gap)).sum(axis=0)
-        near *= 3 * self.wrong.max()
+        near = 3 * self.wrong.max() * (np.abs(u).sum((0, 1)) + np.abs(self.gap).sum(0))
         least = room[0] - np.abs(room[1:]).sum(axis=0) - near
         least[self.N :] += (1 - EPS) * np.sqrt(np.abs(least[0] * least[1]))
         need(least >= 0, "u: inside the obstacle, or the adjoint wrong there")
@@ -220,8 +222,7 @@ class Body:
         passed = np.abs(self.passed).reshape(self.N, -1)
         passed[:, self.out] *= self.holds
         gets = passed.take(self.other, axis=1) * self.joined
-        gets = gets.reshape(self.passed.shape).sum(axis=1)
-        total = passed.reshape(self.passed.shape).sum(axis=1)
+        total, gets = np.reshape([passed, gets], (2, *self.passed.shape)).sum(axis=2)
         need(total > (1 + EPS) * (self.force + gets), "passed: too little")
         reach = math.dist(self.points.min(axis=1), self.points.max(axis=1))
         b = 12.1 * KORN[self.N] * reach * total.sum(axis=0)
@@ -237,13 +238,12 @@ class Body:
             trial = (trial[:, [0, 1, 2, 1, 0, 0]] + trial[:, [0, 1, 2, 2, 2, 1]]) / 2
         mu, h, beta = self.law[1:4, cells]
         start, back = np.split(self.law[4:, cells], 2)
-        t = trial[0]
-        s = t[:, 1:] - back
+        s = trial[0, :, 1:] - back
         x = stress[0, :, 1:] - back
         p, length = outside(s, beta)
         mean = np.minimum(np.sqrt(inner(p, p)), length.mean(axis=0))
         E = (beta * mean + inner(p, p / 2 - s)) / (2 * mu + h)
-        J = inner(t, t / moduli) / 2 + E - size(start) ** 2 / (4 * mu)
+        J = inner(trial[0], trial[0] / moduli) / 2 + E - size(start) ** 2 / (4 * mu)
         excess, _ = outside(x, beta)
         apart = inner(x, x) - beta * (2 * size(x.mean(axis=0)) - beta)
         missing = stress - trial
@@ -254,7 +254,7 @@ class Body:
             y = p + s - sign * trial[1, :, 1:]
             X = supremum(y, p + h / (2 * mu) * y, r, h / (2 * mu), beta) / (2 * mu)
             both = missing[0] + sign * missing[1]
-            own = inner(t, trial[1] / moduli)
+            own = inner(trial[0], trial[1] / moduli)
             rows.append(X + inner(both, both / moduli) / 4 - sign * own)
         return np.array(rows)
 

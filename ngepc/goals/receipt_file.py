@@ -29,7 +29,7 @@ DEGREE = 8
 """Degree of the rule that says how much bounds of energies lose."""
 SMALLEST = 1e-30
 """Force that every cell passes on at least."""
-TANGENTS = 0.0, 0.5, 0.75, 0.9, 1.0
+TANGENTS = 0.0, 0.25, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0
 """Numbers r that are tried, as parts of that where the mean of the slope vanishes."""
 
 
