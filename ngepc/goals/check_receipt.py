@@ -169,7 +169,7 @@ class Body:
         self.holds = (self.held != 0) & across
 
     def balance(self) -> None:
-        """Forces of 2 in K and on its sides by components, with what rounding adds."""
+        """Sizes of the forces that S leaves, by components and cells, with what rounding adds."""
         self.force = np.zeros((self.N, self.K))
         for i, x in np.ndindex(self.L, self.N):
             T = einsum("kcK,vcK->vkK", self.stress[i], self.across[:, :, x])
@@ -218,7 +218,7 @@ class Body:
         self.work = np.append(done, pulled, axis=-1)
 
     def defect(self) -> float:
-        """The number b of 2."""
+        """The number b: |R| <= b (2 J(u) - 2 J(v))^(1/2)."""
         passed = np.abs(self.passed).reshape(self.N, -1)
         passed[:, self.out] *= self.holds
         gets = passed.take(self.other, axis=1) * self.joined
