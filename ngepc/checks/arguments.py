@@ -25,7 +25,7 @@ from ngsolve import (
 )
 from ngsolve.fem import ElementTopology
 
-from ngepc.checks.coefficients import foreign_meshes
+from ngepc.checks.coefficients import as_constant, foreign_meshes
 from ngepc.checks.sentences import in_words
 
 Coefficient = float | CoefficientFunction
@@ -177,7 +177,7 @@ def require_components(name: str, value: object, N: int) -> CoefficientFunction:
     if len(value) != N:
         raise ValueError(f"{name}={in_words(value)}: {N} components are needed")
     data = [require_datum(f"{name}[{i}]", c) for i, c in enumerate(value)]
-    return CF(tuple(map(CF, data)))  # of numbers it takes twice as long
+    return CF(tuple(as_constant(c) if is_number(c) else c for c in data))
 
 
 def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from ngsolve import CF, CoefficientFunction, GridFunction, Mesh
 
 from ngepc.checks.arguments import Coefficient
-from ngepc.checks.coefficients import FUNCTION, foreign_meshes, leaves_of
+from ngepc.checks.coefficients import FUNCTION, as_constant, foreign_meshes, leaves_of
 
 HIGHEST = 3
 """The highest degree that the rules of loads and bounds integrate exactly."""
@@ -39,8 +39,25 @@ OF_CONSTANTS = re.compile(r"unary operation '\w+'|binary operation 'pow'")
 """What is known of constants alone: it is constant on each element, too."""
 CHOICE = re.compile(r".*IfPosCoefficientFunction.*")
 ON_FACET = re.compile(".*BoundaryFromVolume.*")
+KNOWN = re.compile(
+    "|".join(
+        kind.pattern
+        for kind in (
+            CONSTANTS,
+            COORDINATES,
+            FUNCTIONS,
+            SUMS,
+            PRODUCTS,
+            QUOTIENTS,
+            OF_CONSTANTS,
+            CHOICE,
+            ON_FACET,
+        )
+    )
+)
 ORIENTATION = ("innerproduct.*", "normal vector", ON_FACET)
 BEGIN = "coef "
+SIZE = re.compile(r", (?:fix size|dim)")
 END = re.compile(r", (?:real|complex)\b")
 """What is before and behind the name of a part in its line."""
 COMPILED = "Compiled CF"
@@ -72,15 +89,16 @@ def degree_of(value: CoefficientFunction) -> float:
 
     All functions of finite elements in it count with the highest order among them.
     """
-    if str(value).startswith(COMPILED):
+    text = str(value)
+    if text.startswith(COMPILED):
         return math.inf
     functions = [
         leaf for leaf in leaves_of(value, FUNCTION) if isinstance(leaf, GridFunction)
     ]
     order = max((_order(function) for function in functions), default=0)
-    # NGSolve prints zeros, multiples and functions differently
-    whole = CF((value, 1.0))
-    text = str(whole)
+    if not text.startswith(BEGIN):
+        # NGSolve prints zeros, multiples and functions differently where they are the whole
+        text = str(CF((value, as_constant(1.0))))
     if not _all_known(text):
         return math.inf
     try:
@@ -91,20 +109,13 @@ def degree_of(value: CoefficientFunction) -> float:
 
 def _all_known(text: str) -> bool:
     """Whether the degree of each kind of part is known; a part is printed wherever it is used."""
-    known = (FUNCTIONS, CONSTANTS, COORDINATES, SUMS, CHOICE, PRODUCTS, ON_FACET)
-    known += (QUOTIENTS, OF_CONSTANTS)
-    met = set()
-    for _, name in _lines(text):
-        if name not in met:
-            met.add(name)
-            if not any(kind.fullmatch(_plain(name)) for kind in known):
-                return False
-    return True
+    names = {name for _, name in _lines(text)}
+    return all(KNOWN.fullmatch(_plain(name)) for name in names)
 
 
 def _plain(name: str) -> str:
     """The name of a part without its size."""
-    return re.split(r", (?:fix size|dim)", name)[0]
+    return SIZE.split(name, maxsplit=1)[0]
 
 
 def _order(function: GridFunction) -> int:

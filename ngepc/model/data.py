@@ -5,7 +5,7 @@ from copy import copy
 from dataclasses import dataclass, fields
 
 import numpy as np
-from ngsolve import CF, CoefficientFunction, Id, Mesh
+from ngsolve import CoefficientFunction, Id, Mesh
 
 from ngepc.checks.arguments import (
     Coefficient,
@@ -13,6 +13,7 @@ from ngepc.checks.arguments import (
     is_number,
     require_components,
 )
+from ngepc.checks.coefficients import as_constant
 from ngepc.checks.sentences import in_words
 from ngepc.model.elements import outward_normal
 from ngepc.model.kinematics import TWO_DIMENSIONAL, Kinematics
@@ -281,7 +282,7 @@ def same_fields(one: ProblemData, other: ProblemData, *names: str) -> bool:
 
 def as_scalar(value: Coefficient) -> CoefficientFunction:
     """A number or scalar coefficient as a CoefficientFunction."""
-    return CF(float(value)) if is_number(value) else value
+    return as_constant(value) if is_number(value) else value
 
 
 def of_order_one(problem: ProblemData) -> ProblemData:

@@ -214,13 +214,20 @@ def outward_normal(mesh: Mesh) -> CoefficientFunction:
         If ``mesh`` is no mesh in two or three dimensions.
     """
     require_mesh("mesh", mesh)
-    N = mesh.dim
+    return OUTWARD[mesh.dim]
+
+
+def _outward(N: int) -> CoefficientFunction:
+    """``outward_normal`` of all meshes of a dimension."""
     n = specialcf.normal(N)
     interior = CF((1 / (N + 1),) * N)
     v = BoundaryFromVolumeCF(
         specialcf.JacobianMatrix(N) * (interior - specialcf.xref(N))
     )
     return IfPos(InnerProduct(n, v), -1.0, 1.0) * n
+
+
+OUTWARD = {N: _outward(N) for N in (2, 3)}
 
 
 def has_more_corners(mesh: Mesh) -> bool:

@@ -35,6 +35,7 @@ from ngsolve import (
 )
 
 from ngepc.checks.arguments import require_number
+from ngepc.checks.coefficients import as_constant
 from ngepc.checks.sentences import in_words
 
 _R2 = math.sqrt(2.0)
@@ -108,7 +109,7 @@ class Kinematics:
     @property
     def weight(self) -> CoefficientFunction:
         """The factor of volume and surface integrals: 2 pi r for a ring, a thickness, 1."""
-        return CF(self.weight_at(x))
+        return self.weight_at(x) if self.hoop else as_constant(self.thickness)
 
     def weight_at(
         self, radius: CoefficientFunction | np.ndarray

@@ -19,7 +19,7 @@ from ngepc.limit.fields import corner_values
 from ngepc.limit.load import LimitLoad
 from ngepc.limit.shakedown import ShakedownLoad
 from ngepc.pictures.stills import draw_solid, solid_image
-from ngepc.pictures.style import COLOURS, new_picture, styled
+from ngepc.pictures.style import COLOURS, new_picture, require_axes, styled
 
 RESULT = "the result of limit_load or shakedown_load"
 
@@ -231,6 +231,6 @@ def plot_bracket(
 
 def axes_or_new(axes: Axes | None, size: tuple[float, float]) -> Axes:
     """The given axes, or those of a new figure of this size (inches)."""
-    if axes is None:
+    if require_axes(axes) is None:
         return new_picture(figsize=size, layout="compressed").subplots()
-    return require_instance("axes", axes, Axes, "matplotlib Axes or None")
+    return axes

@@ -21,7 +21,14 @@ from ngepc.evolution.result import Evolution
 from ngepc.model.problem import Problem
 from ngepc.pictures.drawable import UnitNames, fields_of, require_units, sources_of
 from ngepc.pictures.sampling import corners_of
-from ngepc.pictures.style import COLOURS, GUIDE, line_style, new_picture, styled
+from ngepc.pictures.style import (
+    COLOURS,
+    GUIDE,
+    line_style,
+    new_picture,
+    require_axes,
+    styled,
+)
 from ngepc.pictures.wording import units_of
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import History
@@ -165,6 +172,7 @@ def plot_curve(
         If a history is none or has no steps, or a quantity is unknown.
     """
     units = require_units("units", units)
+    axes = require_axes(axes)
     histories = history if isinstance(history, Mapping) else {"": history}
     require_mapping("history", histories, "label -> what evolve returned")
     for name, words in {"xlabel": xlabel, "ylabel": ylabel}.items():
@@ -179,7 +187,6 @@ def plot_curve(
             raise ValueError("history has no finished step: at least one is needed")
         columns.append((quantity_of("x", one, x), quantity_of("y", one, y)))
     axes = new_picture(figsize=(5.2, 3.4)).subplots() if axes is None else axes
-    require_instance("axes", axes, Axes, "matplotlib Axes or None")
     for index, (label, points) in enumerate(zip(histories, columns, strict=True)):
         style = line_style(index, len(points[0]))
         axes.plot(*points, label=label or None, **style)
@@ -303,10 +310,10 @@ def plot_contact_pressure(
     into, by default those of a new figure.
     """
     units = require_units("units", units)
+    axes = require_axes(axes)
     sources = sources_of("sources", sources)
     curves = [pressure_curves(source) for source in sources.values()]
     axes = new_picture(figsize=(5.6, 3.2)).subplots() if axes is None else axes
-    require_instance("axes", axes, Axes, "matplotlib Axes or None")
     for index, (label, parts) in enumerate(zip(sources, curves, strict=True)):
         colour = COLOURS[index % len(COLOURS)]
         for number, (s, pressure) in enumerate(parts):

@@ -11,7 +11,7 @@ from ngepc.evolution.material_point import material_point, value_in_the_middle
 from ngepc.model.material import Material
 from ngepc.model.viscosity import SLOWEST
 from ngepc.pictures.drawable import UnitNames, require_units
-from ngepc.pictures.style import COLOURS, GUIDE, new_picture, styled
+from ngepc.pictures.style import COLOURS, GUIDE, new_picture, require_axes, styled
 
 BEYOND = 10.0  # largest strain of a picture over that at which a bar yields
 STEPS = 60  # of each of the five ways, all of the same length
@@ -59,6 +59,7 @@ def plot_material(
     for label, material in given.items():
         require_instance(f"materials[{label!r}]", material, Material, "a Material")
     units = require_units("units", units)
+    axes = require_axes(axes)
     strain = _default_strain(*given.values()) if strain is None else strain
     require_number("strain", strain, 0, strict=True)
     bars = [
@@ -75,7 +76,6 @@ def plot_material(
         )
         curves.append(bar.curve("xx"))
     axes = new_picture(figsize=(5.6, 3.6)).subplots() if axes is None else axes
-    require_instance("axes", axes, Axes, "matplotlib Axes or None")
     for index, (e, stress) in enumerate(curves):
         colour = COLOURS[index % len(COLOURS)]
         title = bars[index][0]

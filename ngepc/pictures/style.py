@@ -74,6 +74,13 @@ def new_picture(**options: object) -> Picture:
     return pyplot.figure(FigureClass=Picture, **options)
 
 
+def require_axes(axes: Axes | None) -> Axes | None:
+    """Axes of matplotlib, or None for those of a new figure; TypeError for anything else."""
+    if axes is None:
+        return None
+    return require_instance("axes", axes, Axes, "matplotlib Axes or None")
+
+
 def in_notebook() -> bool:
     """Whether a kernel of Jupyter runs this."""
     ipython = sys.modules.get("IPython")

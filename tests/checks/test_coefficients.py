@@ -29,6 +29,7 @@ from ngepc import Fields, Material, Point, Problem, semismooth_newton
 from ngepc.checks.arguments import points_beyond, sample
 from ngepc.checks.coefficients import (
     PARAMETER,
+    as_constant,
     leaves_of,
     rebuilt,
     with_numbers,
@@ -50,6 +51,18 @@ def holed():
     """The square without a hole that no vertex and no point of a rule lies in."""
     body = Rectangle(1, 1).Face() - Circle((0.513, 0.487), 0.002).Face()
     return Mesh(OCCGeometry(body, dim=2).GenerateMesh(maxh=0.3))
+
+
+@pytest.mark.parametrize("number", [0, 1, -2.5, 1e-300, 1e300, 1 / 3])
+def test_a_number_as_a_coefficient_is_that_number_to_the_last_bit(number):
+    found = as_constant(number)
+    assert found(SQUARE(0.3, 0.4)) == number
+    assert tuple(found.dims) == ()
+    assert not sample(found * x - CF(number) * x, SQUARE).any()
+
+
+def test_zero_as_a_coefficient_is_left_out_of_products():
+    assert str(as_constant(0.0) * x) == str(0 * x)
 
 
 PARAMETER_OF = {

@@ -30,6 +30,7 @@ from ngsolve import (
 )
 
 from ngepc import Material, Problem, error_bound, semismooth_newton
+from ngepc.checks.coefficients import as_constant
 from ngepc.discretisation.polynomials import degree_of, is_polynomial
 from ngepc.geometries import block
 from ngepc.model.elements import outward_normal
@@ -44,6 +45,8 @@ PARTS = MESH.MaterialCF({"body": 2.0})
     ("value", "degree"),
     [
         (CF(2.5), 0),
+        (as_constant(2.5), 0),
+        (CF((as_constant(2.5) * x, as_constant(0.0))), 1),
         (0 * x, 0),
         (-3 * specialcf.normal(2), 0),
         (MESH.MaterialCF({"body": 2.0}), 0),

@@ -9,6 +9,7 @@ import io
 import re
 import tokenize
 from dataclasses import dataclass
+from functools import cache
 
 from sources import ROOT, TOP_LEVEL, modules
 
@@ -32,9 +33,9 @@ class Density:
 
     def add(self, text):
         """Count a module."""
-        tree = ast.parse(text)
-        documented = lines_of_docstrings(tree)
-        self.packed += sum(map(is_packed, ast.walk(tree)))
+        inside = list(ast.walk(ast.parse(text)))
+        documented = lines_of_docstrings(inside)
+        self.packed += sum(map(is_packed, inside))
         for number, line in enumerate(text.split("\n"), 1):
             line = line.strip()
             if line and not line.startswith("#") and number not in documented:
@@ -50,11 +51,11 @@ class Density:
         return self.characters / self.lines
 
 
-def lines_of_docstrings(tree):
-    """The numbers of the lines of strings that stand alone."""
+def lines_of_docstrings(inside):
+    """The numbers of the lines of strings that stand alone among the nodes of a module."""
     strings = (
         node
-        for node in ast.walk(tree)
+        for node in inside
         if isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)
         and isinstance(node.value.value, str)
@@ -73,7 +74,7 @@ def is_packed(node):
 
 def tokens_of(text):
     """The number of tokens of a module."""
-    documented = lines_of_docstrings(ast.parse(text))
+    documented = lines_of_docstrings(ast.walk(ast.parse(text)))
     tokens = tokenize.generate_tokens(io.StringIO(text).readline)
     return sum(
         token.type not in LAYOUT and token.start[0] not in documented
@@ -94,6 +95,7 @@ def words_of(line):
     return sum(word["comment"] is None for word in WORD.finditer(line))
 
 
+@cache
 def densest():
     """(tokens on a line of code, module.function), the densest functions of the package first."""
     found = []

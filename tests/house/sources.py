@@ -21,6 +21,12 @@ def modules():
     return found
 
 
+@cache
+def nodes():
+    """Name of a module -> all nodes of its syntax tree."""
+    return {name: list(ast.walk(tree)) for name, tree in modules().items()}
+
+
 def room(module):
     """The room of a module; '' for the entrance hall, ``ngepc`` itself."""
     parts = module.split(".")
@@ -35,9 +41,9 @@ def rooms():
     return names | {"ngepc.geometries"}
 
 
-def imports(tree):
-    """Pairs (module, statement) of all modules of the package that a tree imports anywhere."""
-    for node in ast.walk(tree):
+def imports(inside):
+    """Pairs (module, statement) of all modules that are imported by nodes of a tree."""
+    for node in inside:
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, (
                 f"line {node.lineno}: relative imports hide the room"
@@ -57,8 +63,8 @@ def arrows():
     Who imports a module from its room imports the room, with all that it imports itself.
     """
     found = set()
-    for name, tree in modules().items():
-        for target, node in imports(tree):
+    for name, inside in nodes().items():
+        for target, node in imports(inside):
             halls = (
                 {node.module} & rooms() if isinstance(node, ast.ImportFrom) else set()
             )

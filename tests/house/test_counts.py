@@ -4,7 +4,7 @@ import ast
 import re
 from itertools import pairwise
 
-from sources import ROOT, modules
+from sources import ROOT, nodes
 
 PLURAL = re.compile(
     r" (?:[a-z]+ ){0,2}(components|corners|elements|entries|facets|files|halvings|iterations"
@@ -30,9 +30,9 @@ SEVERAL = {
 """What stands before a plural in messages, and why it is not one."""
 
 
-def counts(tree):
-    """What stands before plurals in the f-strings of a program."""
-    for node in ast.walk(tree):
+def counts(inside):
+    """What stands before plurals in the f-strings among the nodes of a program."""
+    for node in inside:
         parts = node.values if isinstance(node, ast.JoinedStr) else []
         for number, after in pairwise(parts):
             if not isinstance(number, ast.FormattedValue):
@@ -42,16 +42,20 @@ def counts(tree):
 
 
 def programs():
-    """Name -> syntax tree, those of bodies included."""
+    """Name -> nodes of the syntax tree, those of bodies included."""
     bodies = (ROOT / "geometries").glob("*.py")
-    return modules() | {path.name: ast.parse(path.read_text()) for path in bodies}
+    return nodes() | {path.name: nodes_of(path.read_text()) for path in bodies}
+
+
+def nodes_of(text):
+    return list(ast.walk(ast.parse(text)))
 
 
 def test_numbers_in_messages_agree_with_what_they_count():
     found = {
         (name, number)
-        for name, tree in programs().items()
-        for number in counts(tree)
+        for name, inside in programs().items()
+        for number in counts(inside)
         if number not in SEVERAL
     }
     assert not found
@@ -61,4 +65,4 @@ def test_disagreements_are_seen():
     said = (
         'f"after {n} steps", f"{n} sampled points", f"{n} rigid motion(s)", f"{n} is"'
     )
-    assert list(counts(ast.parse(said))) == ["n", "n", "n"]
+    assert list(counts(nodes_of(said))) == ["n", "n", "n"]

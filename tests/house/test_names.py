@@ -5,7 +5,7 @@ from collections import Counter
 from functools import cache
 
 import pytest
-from sources import modules, public, public_methods, room
+from sources import modules, nodes, public, public_methods, room
 
 COMMANDS = {"run"}
 """Each command of the command line has it."""
@@ -58,8 +58,8 @@ def functions():
     """(module and name, node) for all functions, inner ones too."""
     return [
         (f"{module}.{node.name}", node)
-        for module, tree in modules().items()
-        for node in ast.walk(tree)
+        for module, inside in nodes().items()
+        for node in inside
         if isinstance(node, ast.FunctionDef)
     ]
 
@@ -74,8 +74,10 @@ def lines_of(function):
 def nesting(node):
     """How many blocks of a function stand inside each other; functions in it count alone."""
     blocks = ast.If | ast.For | ast.While | ast.With | ast.Try
-    alone = ast.FunctionDef | ast.Lambda | ast.ClassDef
-    inner = (n for n in ast.iter_child_nodes(node) if not isinstance(n, alone))
+    alone = ast.FunctionDef | ast.ClassDef
+    lines = ast.stmt | ast.ExceptHandler | ast.match_case
+    children = (n for n in ast.iter_child_nodes(node) if isinstance(n, lines))
+    inner = (n for n in children if not isinstance(n, alone))
     return max((isinstance(n, blocks) + nesting(n) for n in inner), default=0)
 
 
@@ -125,8 +127,8 @@ def test_every_module_says_what_it_is():
 def test_the_library_prints_nothing():
     calls = (
         (name, node.lineno)
-        for name, tree in modules().items()
-        for node in ast.walk(tree)
+        for name, inside in nodes().items()
+        for node in inside
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "print"
     )
     assert list(calls) == []

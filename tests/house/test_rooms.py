@@ -2,7 +2,7 @@
 
 import ast
 
-from sources import arrows, circles, imports, modules, room, rooms
+from sources import arrows, circles, imports, modules, nodes, room, rooms
 
 FLOORS = (
     ("checks",),
@@ -72,21 +72,22 @@ def test_no_modules_import_each_other():
     assert circles(arrows()) == set()
 
 
-def in_functions(tree):
-    """Modules that are imported inside a function."""
-    functions = [
-        n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.Lambda)
+def in_functions(inside):
+    """Modules that nodes of a tree import inside a function."""
+    functions = [node for node in inside if isinstance(node, ast.FunctionDef)]
+    return [
+        target
+        for target, node in imports(inside)
+        if any(f.lineno <= node.lineno <= f.end_lineno for f in functions)
     ]
-    inner = {id(node) for function in functions for node in ast.walk(function)}
-    return [target for target, node in imports(tree) if id(node) in inner]
 
 
 def test_imports_stand_at_the_top():
     """The command line, too: ``importlib`` in ``ngepc.__main__`` loads NGSolve after ``--help``."""
     late = {
         (name, target)
-        for name, tree in modules().items()
-        for target in in_functions(tree)
+        for name, inside in nodes().items()
+        for target in in_functions(inside)
     }
     assert late == OPTIONAL
 
@@ -114,12 +115,12 @@ def test_circles_are_found():
 
 def test_imports_for_hints_and_in_functions_are_seen():
     code = "if TYPE_CHECKING:\n  from ngepc.cli import work\ndef f():\n  import ngepc.dual.solver"
-    tree = ast.parse(code)
-    assert [target for target, _ in imports(tree)] == [
+    inside = list(ast.walk(ast.parse(code)))
+    assert [target for target, _ in imports(inside)] == [
         "ngepc.cli.work",
         "ngepc.dual.solver",
     ]
-    assert in_functions(tree) == ["ngepc.dual.solver"]
+    assert in_functions(inside) == ["ngepc.dual.solver"]
     assert not goes_down("ngepc.model.problem", "ngepc.cli.work")
     assert not goes_down("ngepc.local.newton", "ngepc.primal.result")
     assert not goes_down("ngepc.model.problem", "ngepc.__main__")

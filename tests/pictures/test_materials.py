@@ -9,7 +9,7 @@ from ngsolve import CF
 
 from ngepc import Hill, Material, Norton, Problem, plot_material
 from ngepc.geometries import block
-from ngepc.pictures import UnitNames
+from ngepc.pictures import UnitNames, materials
 from ngepc.pictures.report import describe_problem
 from ngepc.pictures.wording import describe_material
 
@@ -64,6 +64,15 @@ def test_bad_arguments_are_named():
     with pytest.raises(ValueError, match="strain=None: a number is needed"):
         plot_material(varies)
     close("all")
+
+
+def test_axes_are_judged_before_a_bar_is_pulled(monkeypatch):
+    def pulled(*_, **__):
+        raise AssertionError("a bar was pulled")
+
+    monkeypatch.setattr(materials, "material_point", pulled)
+    with pytest.raises(TypeError, match="axes=3"):
+        plot_material(METAL, axes=3)
 
 
 def test_reports_show_engineering_constants():
