@@ -9,7 +9,8 @@ that faces the second surface,
 That is the coefficient of B_i in the projection of n . (u_1 - u_2) onto polynomials.  Constant
 pressures pass between meshes that do not match without any error.  A facet of the second surface is
 projected onto one of the first surface along its normals, which in the plane are interpolated
-between its nodes; the projection is cut off where a barycentric coordinate becomes negative.
+between its nodes; the projection is cut off where a barycentric coordinate becomes negative.  Where
+faces of the first surface meet at an angle, each has a row of its own, as on obstacles.
 """
 
 from __future__ import annotations
@@ -55,7 +56,10 @@ def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactR
             f"contact={in_words(pair)}: the two boundaries nowhere face each other"
         )
     space = H1(problem.mesh, order=problem.order)
-    means = _mortar_means(problem, space, one, at)
+    nodes = one.nodes(space)
+    # glue holds all components: faces that meet have one row for each of them
+    rows = nodes if pair.tied else one.faces(nodes)[0]
+    means = _mortar_means(problem, nodes, rows, one, at)
     opposite = two.means(space, at.second, at.other)
     jumps = one.means(space, at.first, at.lam) - opposite
     free = supports.free[means.nodes]
@@ -86,7 +90,7 @@ def surfaces_of(problem: Problem, pair: Contact) -> tuple[Surface, Surface]:
 
 @dataclass(frozen=True, eq=False)
 class MortarMeans:
-    """Weighted means over the points of an overlap, one for each node of the first surface."""
+    """Weighted means over the points of an overlap, one for each row of the first surface."""
 
     averages: csr_matrix  # shape (rows, points), every row sums to one
     nodes: np.ndarray  # node of each row
@@ -95,19 +99,22 @@ class MortarMeans:
 
 
 def _mortar_means(
-    problem: Problem, space: H1, one: Surface, at: Overlap
+    problem: Problem, nodes: np.ndarray, rows: np.ndarray, one: Surface, at: Overlap
 ) -> MortarMeans:
-    """The means with biorthogonal functions; nodes that are hardly covered are left out."""
+    """The means with biorthogonal functions; rows that are hardly covered are left out.
+
+    ``nodes`` and numbers of ``rows`` are those of the facets of the first surface, (facets, k).
+    """
     points, N = at.lam.shape
     radius = (at.lam * one.corners[at.first, :, 0]).sum(axis=1)
     weights = at.weights * problem.kinematics.weight_at(radius)
-    nodes, first, row = np.unique(
-        one.nodes(space)[at.first], return_index=True, return_inverse=True
+    found, first, row = np.unique(
+        rows[at.first], return_index=True, return_inverse=True
     )
     share = weights[:, None] * biorthogonal(one, at, problem.order)
     per_facet = share.shape[1]
     where = row.ravel(), np.repeat(np.arange(points), per_facet)
-    sums = csr_matrix((share.ravel(), where), shape=(len(nodes), points))
+    sums = csr_matrix((share.ravel(), where), shape=(len(found), points))
     area = np.asarray(sums.sum(axis=1)).ravel()
     kept = area > COVERED * area.max()
 
@@ -115,7 +122,7 @@ def _mortar_means(
     local = four_corners(N, problem.order)[first[kept] % per_facet]
     return MortarMeans(
         averages=diags(1 / area[kept]) @ sums[kept],
-        nodes=nodes[kept],
+        nodes=nodes[facet, first[kept] % per_facet],
         corners=np.take_along_axis(one.vertices[facet], local, axis=1),
         area=area[kept],
     )

@@ -11,6 +11,7 @@ import scipy
 from ngsolve import BND, ET, H1, ElementId, IntegrationRule
 from scipy.sparse import csr_matrix
 
+from ngepc.discretisation.rows import meeting_faces
 from ngepc.model.problem import Problem
 
 RULES = {2: IntegrationRule(ET.SEGM, 5), 3: IntegrationRule(ET.TRIG, 4)}
@@ -35,7 +36,7 @@ class Surface:
     corners: np.ndarray  # coordinates, shape (facets, N, N)
     normals: np.ndarray  # unit outer ones of the facets, shape (facets, N)
     nodal: np.ndarray
-    """Unit normals at the corners, averaged over the facets, (facets, N, N)."""
+    """Unit normals at the corners, averaged over the facets of a face, (facets, N, N)."""
     areas: np.ndarray  # or lengths, shape (facets,), as are the next ones
     radii: np.ndarray  # largest distance of a corner from the centre
 
@@ -69,10 +70,20 @@ class Surface:
         turned *= np.sign((turned * outward.reshape(-1, N)).sum(axis=1))[:, None]
         self.areas = np.linalg.norm(turned, axis=1)
         self.normals = unit_vectors(turned)
-        sums = np.zeros((mesh.nv, N))
-        for column in self.vertices.T:
-            np.add.at(sums, column, turned)
-        self.nodal = unit_vectors(sums)[self.vertices]
+        face, sums = self.faces(self.vertices)
+        at_corners = np.repeat(turned, N, axis=0)
+        self.nodal = unit_vectors(sums @ at_corners)[face]
+
+    def faces(self, nodes: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
+        """Numbers of the faces at nodes of the facets, like ``nodes``, (facets, k), in its order.
+
+        And the matrix that sums over the facets of a face, shape (faces, facets k).  Facets whose
+        normals differ much belong to two faces, as on obstacles (``meeting_faces``).
+        """
+        facets, k = nodes.shape
+        normals = np.repeat(self.normals, k, axis=0)
+        _, sums = meeting_faces(nodes.ravel(), np.zeros(nodes.size), normals)
+        return sums.tocsc().indices.reshape(facets, k), sums
 
     def nodes(self, space: H1) -> np.ndarray:
         """The nodes of a space on the facets in the order of ``pairs_of``, shape (facets, k)."""

@@ -249,6 +249,56 @@ def test_tied_bodies_carry_tension(N):
     assert result.contact_force == 0.0
 
 
+@cache
+def in_an_angle(N):
+    """A unit square or cube in the corner of another body, which has names for its faces."""
+    if N == 2:
+        outer = MoveTo(-0.5, -0.5).Rectangle(2, 2).Face()
+        angle = outer - MoveTo(0, 0).Rectangle(3, 3).Face()
+        bodies = [Rectangle(1, 1).Face(), angle]
+        walls = [body.edges for body in bodies]
+    else:
+        angle = Box((-0.5,) * 3, (1.5,) * 3) - Box((0,) * 3, (3,) * 3)
+        bodies = [Box((0,) * 3, (1,) * 3), angle]
+        walls = [body.faces for body in bodies]
+    for faces, names, size in zip(walls, ("inner", "outer"), (1, 2), strict=True):
+        faces.name = "free"
+        for face in faces:
+            for axis, letter in enumerate("xyz"[:N]):
+                at = face.center[axis]
+                if abs(at) < 1e-9:
+                    face.name = f"{names}_{letter}"
+                if size == 1 and abs(at - 1) < 1e-9:
+                    face.name = f"load_{letter}"
+                if size == 2 and abs(at + 0.5) < 1e-9:
+                    face.name = "held"
+    geometry = OCCGeometry(Compound(bodies), dim=N)
+    return Mesh(geometry.GenerateMesh(maxh=0.3 if N == 2 else 0.7))
+
+
+@pytest.mark.parametrize(("N", "order"), [(2, 1), (2, 2), (3, 1), (3, 2)])
+def test_smooth_faces_that_meet_at_an_angle_take_no_shear(N, order):
+    """With one normal at their common vertices a twentieth of the load was shear."""
+    letters = "xyz"[:N]
+    load = dict(zip(letters, (5.0, 3.0, 4.0), strict=False))
+    names = ("|".join(f"{side}_{c}" for c in letters) for side in ("inner", "outer"))
+    problem = Problem(
+        in_an_angle(N),
+        ELASTIC,
+        "held",
+        pressure={f"load_{c}": size for c, size in load.items()},
+        contact=Contact(*names),
+        order=order,
+    )
+    result = solved(problem)
+    assert result.contact_force == pytest.approx(sum(load.values()), rel=1e-9)
+    normals = result.rows.normals
+    assert np.abs(normals).max(axis=1) == pytest.approx(np.ones(len(normals)))
+    separate = [Contact(f"inner_{c}", f"outer_{c}") for c in letters]
+    apart = solved(problem.changed(contact=separate))
+    assert result.primal_energy == pytest.approx(apart.primal_energy, rel=1e-12)
+
+
 def pin_in_hub(pair, order):
     """A warm pin is pushed through a hub that stands on a roller; the meshes do not match."""
     pin, hub = Rectangle(1, 3).Face(), MoveTo(1, 0.5).Rectangle(1.5, 2).Face()
