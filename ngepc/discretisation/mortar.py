@@ -2,7 +2,7 @@
 
 With the Bernstein polynomials B_i of the first surface, hat functions for order one, and the
 functions psi_i biorthogonal to them on each facet, int psi_i B_j = delta_ij int B_i over the part
-that faces the second surface,
+that faces the second surface (on a body of revolution over its ring, with the radius),
 
     N_i u = int psi_i n . (u_1 - u_2) / int psi_i,   gap_i likewise.
 
@@ -15,7 +15,7 @@ faces of the first surface meet at an angle, each has a row of its own, as on ob
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from ngsolve import H1
@@ -111,6 +111,7 @@ def _mortar_means(
     found, first, row = np.unique(
         rows[at.first], return_index=True, return_inverse=True
     )
+    at = replace(at, weights=weights)
     share = weights[:, None] * biorthogonal(one, at, problem.order)
     per_facet = share.shape[1]
     where = row.ravel(), np.repeat(np.arange(points), per_facet)

@@ -16,7 +16,7 @@ from netgen.occ import (
     Y,
     Z,
 )
-from ngsolve import CF, Integrate, Mesh
+from ngsolve import CF, Integrate, Mesh, ds
 from pairs import in_turn
 
 from ngepc import (
@@ -247,6 +247,18 @@ def test_tied_bodies_carry_tension(N):
         2 * 10.0 / (E / (1 - NU**2) if N == 2 else E), rel=1e-9
     )
     assert result.contact_force == 0.0
+
+
+@pytest.mark.parametrize(
+    ("order", "pair"), [(1, ("above", "below")), (2, ("below", "above"))]
+)
+def test_the_pressure_of_discs_is_constant_up_to_the_axis(order, pair):
+    """The row on the axis, whose area the functions for the plane made zero, was left out."""
+    discs = stacked(2, load=3.0, pair=pair, order=order, kinematics="axisymmetric")
+    result = solved(discs)
+    error = (result.contact_pressure - 3.0) ** 2 * ds(pair[0])
+    assert Integrate(error, discs.mesh) == pytest.approx(0.0, abs=1e-16)
+    assert result.contact_force == pytest.approx(3.0 * np.pi, rel=1e-9)
 
 
 @cache
