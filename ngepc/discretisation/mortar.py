@@ -41,7 +41,7 @@ SLIVER = {1: 1e-8, 2: 1e-6}
 HALF = 0.5
 """Part of the mean of the second body that is free where that body moves."""
 
-COVERED = 1e-6  # rows with a smaller fraction of the largest weight are left out
+COVERED = 1e-6  # rows with a smaller part of the area of their facets are left out
 
 
 def mortar_rows(problem: Problem, supports: Supports, pair: Contact) -> ContactRows:
@@ -117,7 +117,9 @@ def _mortar_means(
     where = row.ravel(), np.repeat(np.arange(points), per_facet)
     sums = csr_matrix((share.ravel(), where), shape=(len(found), points))
     area = np.asarray(sums.sum(axis=1)).ravel()
-    kept = area > COVERED * area.max()
+    around = one.areas * problem.kinematics.weight_at(one.centres[:, 0])
+    whole = np.bincount(rows.ravel(), np.repeat(around, per_facet))
+    kept = area > COVERED * whole[found]
 
     facet = at.first[first[kept] // per_facet]
     local = four_corners(N, problem.order)[first[kept] % per_facet]
