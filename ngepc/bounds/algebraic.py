@@ -37,7 +37,7 @@ class FewSolves:
         self._tangent.update(moduli)
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
-        """As of ``Factors``."""
+        """Displacements that answer nodal forces, as of ``Factors``."""
         try:
             return self._tangent.solve(forces)
         except FactorisationError:
@@ -48,7 +48,7 @@ class FewSolves:
         return self._tangent.solve(forces)
 
     def multiply(self, u: np.ndarray) -> np.ndarray:
-        """As of ``Factors``."""
+        """The tangent times displacements, as of ``Factors``."""
         if isinstance(self._tangent, Factors):
             return self._tangent.multiply(u)
         return self._tangent.multiply(u.ravel()).reshape(u.shape)

@@ -319,13 +319,14 @@ def require_field(
 
 
 def material_of_least(value: Coefficient, mesh: Mesh) -> str:
-    """Where a coefficient is least, in words, if the mesh has several materials."""
+    """Where a coefficient is least or no number, in words, if the mesh has several materials."""
     names = mesh.GetMaterials()
     if len(set(names)) < 2 or not isinstance(value, CoefficientFunction):
         return ""
-    samples = sample(value, mesh).min(axis=1)
+    samples = sample(value, mesh)
+    lowest = np.where(np.isfinite(samples), samples, -inf).min(axis=1)
     number = sample(CF(list(range(len(names)))), mesh)[:, 0]
-    least = names[int(number[np.nan_to_num(samples, nan=-inf).argmin()])]
+    least = names[int(number[lowest.argmin()])]
     return f" (in material {least!r})"
 
 

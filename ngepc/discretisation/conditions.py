@@ -323,11 +323,10 @@ def not_implied(tied: ContactRows, rollers: Iterable[ContactRows]) -> np.ndarray
         d[held.nodes] = held.normals
         own = d[tied.nodes]
         largest = np.abs(own).argmax(axis=1) == np.abs(tied.normals).argmax(axis=1)
-        component = np.einsum("mc,mc->m", own, tied.normals)
-        left = np.abs(
-            tied.normal @ d.ravel()
-        )  # what the second body does not do likewise
-        implied |= (component != 0) & largest & (left < HALF * np.abs(component))
+        component = np.abs(np.einsum("mc,mc->m", own, tied.normals))
+        # zero where the second body is held along d, too
+        differs = np.abs(tied.normal @ d.ravel())
+        implied |= (component > 0) & largest & (differs < HALF * component)
     return np.flatnonzero(~implied)
 
 

@@ -130,8 +130,7 @@ class Equilibrium:
         forces = forces[:, : mesh.nv].T
         if boundaries is None:
             return forces
+        names = boundary_names("boundaries", boundaries, mesh)
         there = np.zeros((mesh.nv, 1), bool)
-        there[corner_vertices(mesh, boundary_names("boundaries", boundaries, mesh))] = (
-            True
-        )
+        there[corner_vertices(mesh, names)] = True
         return np.where(there, forces, 0.0)

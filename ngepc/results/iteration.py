@@ -360,10 +360,10 @@ def falls(history: History) -> bool:
 
 
 def least_fall(history: History) -> float:
-    """A fall of the energy (force times length) that counts.
+    """The least fall of the energy that is no rounding error (force times length).
 
-    ``SAME_ENERGY`` of the last one, and where nothing is strained what rounding of u leaves of the
-    largest.
+    ``SAME_ENERGY`` of the last energy, and ``EPSILON``^2 of the largest one: where nothing is
+    strained at the end, the last one is a rounding error of u, squared.
     """
     energies = np.abs([record.energy for record in history.records])
     return float(SAME_ENERGY * energies[-1] + EPSILON**2 * energies.max())

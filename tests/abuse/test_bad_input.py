@@ -126,6 +126,7 @@ def layered():
 
 LAYERED = layered()
 ONLY_SOFT = LAYERED.MaterialCF({"soft": 800.0})
+HARD_WITHOUT_END = LAYERED.MaterialCF({"soft": 800.0, "hard": CF(1.0) / 0.0})
 
 
 def named(name):
@@ -600,6 +601,10 @@ PROBLEMS = {
     "a material without a value": (
         {"mesh": LAYERED, "material": material(lame_mu=ONLY_SOFT)},
         "lame_mu falls to 0: values > 0 are needed (in material 'hard')",
+    ),
+    "an infinite value in one material": (
+        {"mesh": LAYERED, "material": material(lame_mu=HARD_WITHOUT_END)},
+        "finite values are needed (in material 'hard')",
     ),
     "a name that is a pattern": (
         {"mesh": named("cont.*"), "contact": "cont.*"},
