@@ -37,6 +37,20 @@ def blocks(widths=(0.5, 0.3), start=0.5, gap=0.0):
     return Mesh(OCCGeometry(Compound([lower, upper]), dim=2).GenerateMesh(maxh=1))
 
 
+@cache
+def between(maxh, width):
+    """A block between two wider ones; the nodes between them do not match."""
+    lower = named(Rectangle(width, 1).Face(), maxh, "bottom", "below")
+    middle = MoveTo(0.5, 1).Rectangle(width - 1, 1).Face()
+    middle = named(middle, 0.9 * maxh, "above", "under")
+    upper = MoveTo(0, 2).Rectangle(width, 1).Face()
+    upper = named(upper, 1.1 * maxh, "over", "top")
+    for wide in (lower, upper):
+        wide.edges.Min(X).name = "side"
+    bodies = Compound([lower, middle, upper])
+    return Mesh(OCCGeometry(bodies, dim=2).GenerateMesh(maxh=1))
+
+
 def pressed(order=1, pair=PAIR, material=YIELDING, mesh=None, **data):
     """The square pressed onto the block; in the vertical direction contact alone holds it."""
     mesh = mesh or blocks()

@@ -84,7 +84,7 @@ def holding_pressure(bound_data: BoundData, state: State, P: np.ndarray) -> np.n
             )
         P = P * np.maximum(factor, 0.0)
     left = np.abs(wanted - works.of(P)).max()
-    if left > BALANCED * np.abs(forces).sum():
+    if left > BALANCED * (np.abs(forces).sum() + works.size_of(P)):
         raise RuntimeError(
             "the contact pressure does not balance the loads of a part that contact alone holds"
         )

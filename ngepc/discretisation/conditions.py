@@ -52,6 +52,8 @@ class ContactConditions:
     processes: Team
     """The processes that share the body; each has the rows at its vertices."""
     own: slice | np.ndarray  # selects the forces of rows that belong to this process
+    held_on_both: list[ContactRows]
+    """Rows of two bodies that supports of both hold, for each pair that is not tied."""
     vertex_areas: np.ndarray
     """Integrals of the hat functions over the contact boundaries, shape (vertices,).
 
@@ -68,11 +70,15 @@ class ContactConditions:
         self._obstacle_names = problem.contact_names
         self._movable = obstacles.movable(supports.free)
         parts = [obstacles.chosen(self._movable)]
+        self.held_on_both = []
         for pair in pairs:
             if pair.tied.all():
                 parts.append(pair.chosen(not_implied(pair, rollers.values())))
-            else:
-                parts.append(pair.chosen(pair.movable(supports.free)))
+                continue
+            movable = pair.movable(supports.free)
+            parts.append(pair.chosen(movable))
+            held = np.setdiff1d(np.arange(len(pair)), movable)
+            self.held_on_both.append(pair.chosen(held))
         parts += rollers.values()
         rows = joined(parts)
         ends = np.cumsum(list(map(len, parts))).tolist()
@@ -197,6 +203,11 @@ class ContactConditions:
         return {
             p: (normal[on].T @ x[on]).reshape(-1, N) for p, on in self.rollers.items()
         }
+
+    def forced_overlap(self, u: np.ndarray) -> float:
+        """The deepest overlap of two bodies that supports of both hold (length), zero if none."""
+        depths = [(held.normal @ u.ravel() - held.gaps) for held in self.held_on_both]
+        return float(np.concatenate([[0.0], *depths]).max())
 
     def sum_of(self, forces: np.ndarray) -> np.ndarray:
         """The sum over all rows of forces, shape (m, ...)."""

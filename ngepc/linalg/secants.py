@@ -26,6 +26,11 @@ FIRST = 3e-2  # part of the slack below which the first change counts as roundin
 LEFT = 1e-3  # part of the residual at which minimal residuals end
 RESTARTS = 4  # largest number of products, relative to the number of rows
 
+NEAR = 1e-8
+GROWN = 1e4
+"""Forces that miss by less than the first part of the gaps are taken, where later ones miss by more
+than the second factor: rounding errors of the products hide all that is new."""
+
 
 class Compliance:
     """An approximation W of S, symmetric positive definite, with W v = S v for known products.
@@ -141,12 +146,15 @@ def solve_by_secants(
     ``product`` maps d to S d.  The second array has the parts of all d that it was called with;
     these parts add up to the change of the forces.  Changes of the gaps below ``slack`` (length)
     need no further product; the first one is made unless it is rounding, so that none of several
-    calls leaves the gaps as they were.  With ``response`` there are few small problems: between
-    them minimal residuals go on to a part ``left`` of the residual.  None if a number became NaN or
-    infinite or rows are dependent.
+    calls leaves the gaps as they were.  Where soft springs hold a part, rounding errors of its
+    motion may be larger than that: when errors grow again, the nearest forces are returned.  With
+    ``response`` there are few small problems: between them minimal residuals go on to a part
+    ``left`` of the residual.  None if a number became NaN or infinite or rows are dependent.
     """
     compliance.restart()
     parts = np.zeros(0)
+    near = NEAR * np.abs(gaps).max(initial=0.0)
+    nearest = Nearest(np.inf, forces, parts)
     for number in range(RESTARTS * (len(gaps) + 3)):
         change, exact = small(compliance, gaps, forces)
         predicted = compliance @ change
@@ -161,8 +169,14 @@ def solve_by_secants(
         # the rounding error of the product stays in the gaps
         slack = max(slack, ROUNDING * float(np.abs(answer).max()))
         off = answer - predicted
-        if exact and np.abs(off).max(initial=0.0) <= slack:
+        error = float(np.abs(off).max(initial=0.0))
+        if exact and error <= slack:
             return forces, parts  # the conditions are met with the gaps predicted
+        if exact and error < nearest.error:
+            nearest = Nearest(error, forces, parts)
+        if nearest.error < near and not error <= GROWN * nearest.error:
+            unused = len(parts) - len(nearest.parts)
+            return nearest.forces, np.pad(nearest.parts, (0, unused))
         if response is not None and exact:
             A = response(compliance, gaps - off, forces)
             more = in_same_state(A, product, compliance, gaps, slack, left)
@@ -172,6 +186,14 @@ def solve_by_secants(
         if not np.isfinite(gaps).all():
             return None
     return None
+
+
+class Nearest(NamedTuple):
+    """Forces that meet the conditions but for an error of the gaps."""
+
+    error: float  # the largest one (length)
+    forces: np.ndarray
+    parts: np.ndarray  # of the products so far
 
 
 class Combination(NamedTuple):

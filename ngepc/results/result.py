@@ -419,6 +419,12 @@ class DiscreteSolution(Result):
                 f"Between nodes the body overlaps an obstacle by up to {self._hidden_overlap:.3g}: "
                 "refine the contact boundary there."
             )
+        forced = self.state.body.contact.forced_overlap(self.state.u)
+        if forced > DEEP * size:
+            found.append(
+                f"Supports hold two bodies where they overlap by up to {forced:.3g}: no contact "
+                "force acts there; give displacements that agree, or leave one body free."
+            )
         resolved = partial(unresolved_data, points=self._points)
         notes = (order_note, round_note, what_is_unseen, resolved, nearer_between_nodes)
         found += filter(None, (note(self.problem) for note in notes))

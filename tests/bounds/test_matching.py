@@ -17,6 +17,7 @@ from stacked import (
     PAIR,
     TURNED,
     YIELDING,
+    between,
     blocks,
     named,
     on_a_floor,
@@ -188,6 +189,23 @@ def test_the_second_boundary_may_be_inclined(order):
     )
     bound = error_bound(semismooth_newton(problem))
     fine = error_bound(semismooth_newton(finer(problem, 2)))
+    assert bound.least_energy < fine.least_energy < fine.energy < bound.energy
+    assert bound.total < 2.5 * (bound.energy - fine.least_energy)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_body_without_loads_between_two_others(order):
+    """What its pressures leave was compared with its loads, which are zero."""
+    squeezed = Problem(
+        between(0.25, 2),
+        YIELDING,
+        "bottom",
+        prescribed=LEFT | {"top": (0, -4e-3)},
+        contact=[PAIR, Contact("under", "over")],
+        order=order,
+    )
+    bound = error_bound(semismooth_newton(squeezed))
+    fine = error_bound(semismooth_newton(finer(squeezed, 2)))
     assert bound.least_energy < fine.least_energy < fine.energy < bound.energy
     assert bound.total < 2.5 * (bound.energy - fine.least_energy)
 

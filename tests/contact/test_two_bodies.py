@@ -18,6 +18,7 @@ from netgen.occ import (
 )
 from ngsolve import CF, Integrate, Mesh, ds
 from pairs import in_turn
+from stacked import LEFT, PAIR, between
 
 from ngepc import (
     Contact,
@@ -272,6 +273,35 @@ def test_the_pressure_of_discs_is_constant_up_to_the_axis(order, pair, finest):
     error = (result.contact_pressure - 3.0) ** 2 * ds(pair[0])
     assert Integrate(error, discs.mesh) == pytest.approx(0.0, abs=1e-16)
     assert result.contact_force == pytest.approx(3.0 * np.pi, rel=1e-9)
+
+
+@pytest.mark.parametrize("aside", [0.0, 1e-3, 3e-4])
+def test_a_block_between_two_others_takes_few_steps(aside):
+    """Rounding errors of its motion hid the forces of the rows: 23 to 72 steps, or none at all."""
+    metal = Material.metal(
+        young=2.5e3, poisson=0.3, yield_stress=4.0, plastic_modulus=1e2
+    )
+    squeezed = Problem(
+        between(0.12, 3),
+        metal,
+        "bottom",
+        prescribed=LEFT | {"top": (aside, -6e-3)},
+        contact=[PAIR, Contact("under", "over")],
+        order=2,
+    )
+    assert solved(squeezed).iterations <= 8
+
+
+@pytest.mark.parametrize(("deep", "said"), [(2e-3, True), (0.0, False)])
+def test_supports_that_push_two_bodies_into_each_other_are_said(deep, said):
+    """No row can act there, and the run converged without a word."""
+    held = {"above": (0, -deep), "below": (0, 0), "bottom": (0, 0), "top": (0, 0)}
+    pair = Contact("above", "below")
+    problem = Problem(squares(), ELASTIC, None, prescribed=held, contact=pair)
+    message = semismooth_newton(problem).message
+    assert (
+        f"Supports hold two bodies where they overlap by up to {deep:.3g}" in message
+    ) == said
 
 
 @cache
