@@ -24,9 +24,9 @@ from ngepc import (
     write_receipt,
 )
 from ngepc.geometries import block
-from ngepc.goals.receipt import LOSS
 from ngepc.goals.adjoint import LOOSEST
 from ngepc.goals.goal_terms import MEETING
+from ngepc.goals.receipt import LOSS
 from ngepc.goals.roller_motion import motion_of_support, moved
 
 EXACT = NewtonOptions(tolerance=1e-12)
