@@ -69,9 +69,9 @@ class Difference:
     def see(self, step: EvolutionStep) -> None:
         """Update the largest stress and contact force."""
         strain = strain_at(self._points, step.fields.elastic_strain)
-        force = np.array(step.record.contact_resultant)
+        force = float(np.linalg.norm(contact_forces(step)))
         self._stress = max(self._stress, self._norm(step, strain))
-        self._force = max(self._force, float(np.linalg.norm(force)))
+        self._force = max(self._force, force)
 
     def __call__(self, fine: EvolutionStep, coarse: EvolutionStep) -> float:
         """The larger relative difference of the stress and of the force of contact."""
@@ -80,15 +80,25 @@ class Difference:
         other_strain = strain_at(self._points, coarse.fields.elastic_strain)
         of_stress = self._norm(fine, strain - other_strain)
 
-        force = np.array(fine.record.contact_resultant)
-        other_force = np.array(coarse.record.contact_resultant)
-        of_force = float(np.linalg.norm(force - other_force))
-        return max(relative(of_stress, self._stress), relative(of_force, self._force))
+        of_force = np.linalg.norm(contact_forces(fine) - contact_forces(coarse))
+        return max(
+            relative(of_stress, self._stress), relative(float(of_force), self._force)
+        )
 
     def _norm(self, step: EvolutionStep, elastic: np.ndarray) -> float:
         """(int C e : e)^(1/2), a norm of the stress C e."""
         energy = elastic_energy(self._points, step.problem.material, elastic)
         return math.sqrt(2 * energy)
+
+
+def contact_forces(step: EvolutionStep) -> np.ndarray:
+    """The integral of the pressure and the resultant with friction (force), shape (1 + N,).
+
+    Between two bodies, and between obstacles on both sides of one, the resultant alone is zero but
+    for rounding.
+    """
+    record = step.record
+    return np.array([record.contact_force, *record.contact_resultant])
 
 
 def relative(size: float, largest: float) -> float:

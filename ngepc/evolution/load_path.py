@@ -29,8 +29,9 @@ Motion = CoefficientFunction | Sequence[Coefficient]
 """A vector-valued coefficient, or N numbers and scalar coefficients (length)."""
 
 # The body, and what earlier steps decide, do not change; a load cycle scales its loads
-CARRIED = ("mesh", "kinematics", "initial_plastic_strain", "initial_hardening")
-CARRIED += ("initial_accumulated", "initial_displacement", "duration")
+CARRIED = ("mesh", "kinematics", "order", "thickness", "initial_plastic_strain")
+CARRIED += ("initial_hardening", "initial_accumulated")
+CARRIED += ("initial_displacement", "duration")
 LOADS = ("traction", "pressure", "body_force", "initial_strain", "prescribed")
 
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import stacked
 from ngsolve import InnerProduct, Integrate, Trace, x, y
 
 from ngepc import Coulomb, Problem, Schedule, Status, evolve, load_cycle, lshape_problem
@@ -119,6 +120,30 @@ def test_accuracy_is_reached():
     assert errors[1] < errors[0]
 
 
+@pytest.mark.parametrize("between", ["two bodies", "two obstacles"])
+def test_forces_that_balance_have_no_time_error_of_rounding(between):
+    """The resultant of both sides is zero: one of rounding is no part of the estimate."""
+    rigid_walls = Problem(
+        block.structured_mesh(2, 2),
+        metal(1e3, 0.3, 1e3),
+        None,
+        prescribed={"left": (0, None)},
+        contact="clamped|contact",
+        gap=0.0,
+    )
+    problem, changes = {
+        "two bodies": (
+            stacked.pressed(material=stacked.ELASTIC),
+            lambda t: {"traction": {"top": (0, -t)}},
+        ),
+        "two obstacles": (rigid_walls, lambda t: {"gap": -1e-3 * t}),
+    }[between]
+    found = evolve(problem, Schedule((1.0,), changes), accuracy=0.01)
+    assert len(found.steps) == 4
+    assert found.steps[-1].record.contact_force > 0.1
+    assert found.time_error < 1e-10
+
+
 def test_elastic_steps_are_exact():
     problem = lshape_problem(lshape.paper_mesh(33))
     soft = replace(problem, pressure=None, traction={"load": (0.0, 0.1)})
@@ -206,19 +231,20 @@ def test_the_difference_is_relative_to_the_largest_so_far():
     difference.see(first)
     assert difference(last, first) >= of_stress * (1 - 1e-12)
 
-    def without_force(step):
-        record = replace(step.record, contact_resultant=[0.0, 0.0])
-        return replace(step, record=record)
+    def pressed(step, force, resultant):
+        given = {"contact_force": force, "contact_resultant": resultant}
+        return replace(step, record=replace(step.record, **given))
 
     difference = Difference(points)
-    difference.see(without_force(first))
-    alone = difference(without_force(last), without_force(first))
+    difference.see(pressed(first, 0.0, [0.0, 0.0]))
+    alone = difference(*(pressed(step, 0.0, [0.0, 0.0]) for step in (last, first)))
     assert alone == pytest.approx(of_stress, rel=1e-10)
 
-    forces = [np.array(step.record.contact_resultant) for step in (first, last)]
-    moved = replace(last.record, contact_resultant=(-2 * forces[0]).tolist())
+    records = [step.record for step in (first, last)]
+    forces = [np.array([r.contact_force, *r.contact_resultant]) for r in records]
+    force, *resultant = (-2 * forces[0]).tolist()
     difference = Difference(points)
     difference.see(last)
-    apart = difference(replace(first, record=moved), first)  # the strains are the same
+    apart = difference(pressed(first, force, resultant), first)  # of equal strains
     sizes = [np.linalg.norm(force) for force in forces]
     assert apart == pytest.approx(3 * sizes[0] / max(sizes[1], 2 * sizes[0]), rel=1e-12)

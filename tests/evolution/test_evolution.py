@@ -394,8 +394,14 @@ def test_steps_know_how_long_they_last(cut):
     assert durations(cut) == np.diff([0.0, *cut.times]).tolist()
     with pytest.raises(ValueError, match=r"begin=0.5: increasing .* 0.5 does not come"):
         Schedule.listed(pairs, begin=0.5)
-    with pytest.raises(ValueError, match="a step can change"):
-        evolve(problem, [(1.0, {"duration": 2.0})])
+
+
+@pytest.mark.parametrize("name", ["duration", "order", "thickness"])
+def test_the_body_and_the_length_of_a_step_are_no_changes(name):
+    """Histories belong to the integration points, energies to the thickness of the body."""
+    problem = bar(MATERIALS["kinematic"], block.structured_mesh(1, 1), 3.0)
+    with pytest.raises(ValueError, match=f"'{name}': a step can change material"):
+        evolve(problem, [(1.0, {}), (2.0, {name: 2})])
 
 
 @pytest.mark.parametrize("cuts", [0, 1])
