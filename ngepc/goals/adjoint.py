@@ -336,7 +336,7 @@ class AdjointProblem(AdjointConditions):
         length = bound_data.cells.measure.max() ** (1 / (N - 1))
         stiff = discrete.law.bulk.max() * length ** (N - 2)
         u = found + start.lift
-        holding = max(stiff * np.abs(u).max(initial=0.0), np.abs(forces).max())
+        holding = max(stiff * np.abs(u).max(), np.abs(start.forces).max())
         other.patches.smallest = smallest = UNMOVED * holding
         left = self.left_by(found, forces)
         if np.abs(left).max() > UNSOLVED * smallest:

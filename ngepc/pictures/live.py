@@ -20,6 +20,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from ngsolve import CoefficientFunction
 
+from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_function, require_instance, require_text
 from ngepc.local.result import ExactResult
 from ngepc.local.warm import WarmSolver
@@ -46,6 +47,7 @@ SCRIPT = Path(__file__).with_name("live.js").read_text(encoding="utf-8")
 
 LONG = 0.15  # after slower solves (s) the next one shows a prediction first
 CURVED = 2  # straight parts that stand for a curved edge
+LAST_PORT = 65535
 ROOM = 1.3  # factor by which scales of colours and pressures are extended
 EXTRA = 'pip install "ngepc[notebook]"'
 
@@ -329,7 +331,7 @@ class Laboratory:
         Parameters
         ----------
         port
-            Its number; 0 for a free one.
+            Its number, 0 to 65535; 0 for a free one.
         browser
             Whether to open the browser.
 
@@ -337,8 +339,13 @@ class Laboratory:
         -------
         LabServer
             ``run()`` answers until Ctrl-C, ``address`` is that of the page.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If ``port`` is no such number.
         """
-        server = LabServer(self, port)
+        server = LabServer(self, require_integer("port", port, 0, LAST_PORT))
         if browser:
             webbrowser.open(server.address)
         return server

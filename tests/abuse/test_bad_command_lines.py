@@ -133,6 +133,7 @@ def test_commands_that_are_none(capsys):
 
 
 WORK = {
+    "no such port": (["lab", "--port", "65536", "--no-browser"], "port=65536"),
     "no such mesh": (["solve", "lshape", "--nodes", "800"], "nodes=800"),
     "too many nodes": (
         ["solve", "wrench", "--nodes", "99999999999"],

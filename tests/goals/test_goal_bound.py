@@ -341,6 +341,31 @@ def test_displacements_of_a_block():
     assert mean.lower <= fine_value(problem, wanted) <= mean.upper
 
 
+@pytest.mark.parametrize(("dimension", "order"), [(2, 1), (2, 2), (3, 1)])
+def test_the_mean_displacement_of_a_side_that_is_pressed_everywhere(dimension, order):
+    """It is that of the obstacle: the contact pressure of the adjoint balances the goal's load."""
+    axes = ("left", "clamped") if dimension == 2 else ("left", "front", "clamped")
+    supports = {
+        side: tuple(0 if i == axis else None for i in range(dimension))
+        for axis, side in enumerate(axes)
+    }
+    problem = Problem(
+        block.structured_mesh(*(2,) * dimension, simplices=True),
+        MATERIAL,
+        None,
+        prescribed=supports,
+        contact="contact",
+        gap=-0.01,
+        order=order,
+    )
+    found = goal_bound(
+        semismooth_newton(problem), MeanDisplacement("contact", dimension - 1)
+    )
+    assert found.guaranteed
+    assert found.lower <= -0.01 <= found.upper
+    assert found.width < 1e-7
+
+
 def test_a_displacement_in_space():
     problem = Problem(
         block.mesh(0.5), MATERIAL, order=1, traction={"contact": (1.0, 0.0, -2.0)}
