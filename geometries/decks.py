@@ -35,6 +35,9 @@ _TYPES = (
 )
 """Families of element types with the number of nodes in the name; others are no bodies."""
 
+GENERATED = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
+"""Keywords that make nodes and elements, or turn coordinates."""
+
 SIDES = {
     (2, 3): ((0, 1), (1, 2), (2, 0)),
     (2, 4): ((0, 1), (1, 2), (2, 3), (3, 0)),
@@ -149,7 +152,7 @@ def _included(path: Path, source: str) -> Path:
 
 def _is_data(line: str) -> bool:
     """Whether a line below a keyword that ends in a comma is data, not more parameters."""
-    return "=" not in line
+    return "=" not in line and line.upper().rstrip(" ,") != "GENERATE"
 
 
 def _card(line: str) -> Card:
@@ -190,7 +193,13 @@ class _Reader:
         self.surfaces: dict[str, list[tuple[str, str]]] = {}
         self.sections: list[str] = []
         self.notes: list[str] = []
+        self.strange: set[str] = set()  # types of elements that are no bodies
         for card in cards:
+            if card.keyword in GENERATED:
+                raise ValueError(
+                    f"*{card.keyword}: a deck with all nodes and elements, and Cartesian "
+                    "coordinates, is needed"
+                )
             read = getattr(self, "_" + card.keyword.replace(" ", "_").lower(), None)
             if read is not None:
                 read(card)
@@ -201,7 +210,20 @@ class _Reader:
         self.spelled.setdefault(name.upper(), name)
         return name.upper()
 
+    def _instance(self, card: Card) -> None:
+        moved = [row for row in card.rows if any(float(entry or 0) for entry in row)]
+        if moved:
+            self.notes.append(
+                f"has an instance that is moved by {', '.join(moved[0])}: the mesh is that of its "
+                "part, which is not moved"
+            )
+
     def _node(self, card: Card) -> None:
+        system = card.parameters.get("SYSTEM", "R")
+        if system.upper() != "R":
+            raise ValueError(
+                f"*NODE, SYSTEM={system}: Cartesian coordinates are needed"
+            )
         numbers = []
         for row in card.rows:
             coordinates = [float(entry or 0) for entry in row[1:4]]
@@ -215,12 +237,14 @@ class _Reader:
         kind = card.parameters.get("TYPE", "").upper()
         found = _shape_of(kind)
         if found is None:
+            self.strange.add(kind or "none")
             return
         shape, count = found
         table = _table(card, count + 1)
         name = card.parameters.get("ELSET", "")
         if name:
             key = self._key(name)
+            name = self.spelled[key]
             self.element_sets.setdefault(key, []).extend(table[:, 0].tolist())
         self.elements.append(_Elements(shape, name, table[:, 0], table[:, 1:]))
 
@@ -291,6 +315,11 @@ class _Reader:
         for key, members in self.node_sets.items():
             chosen = np.isin(numbers, np.array(members, dtype=int))
             node_sets[self.spelled[key]] = np.flatnonzero(chosen)
+        if self.strange:
+            self.notes.append(
+                f"has elements of type {', '.join(sorted(self.strange))}, which are not those of "
+                "bodies: they are left out"
+            )
         return Deck(points.reshape(-1, 3), cells, sets, node_sets, notes=self.notes)
 
     def _by_section(self, block: _Elements) -> Iterator[tuple[str, np.ndarray]]:

@@ -238,6 +238,8 @@ DAMAGED = {
     "nodes.inp": "*NODE\n1, 0., 0.\n*ELEMENT, TYPE=CPS3\n1, 1, 2, 3\n",
     "parts.inp": "*PART\n*END PART\n*INSTANCE\n*END INSTANCE\n*INSTANCE\n*END INSTANCE\n",
     "includes.inp": "*INCLUDE, INPUT=includes.inp\n",
+    "copies.inp": "*NODE\n1, 0., 0.\n*ELEMENT, TYPE=CPS3\n1, 1, 2, 3\n*ELGEN\n1, 2, 1, 1\n",
+    "turned.inp": "*NODE, SYSTEM=C\n1, 0., 0.\n*ELEMENT, TYPE=CPS3\n1, 1, 2, 3\n",
     "unknown.format": "1 2 3",
 }
 
@@ -249,6 +251,39 @@ def test_damaged_files_are_refused_with_their_names(file, tmp_path):
     path.write_text(DAMAGED[file])
     with pytest.raises(ValueError, match=rf"{path} cannot be read: \S"):
         imported.read(path)
+
+
+SQUARE = "*NODE\n1, 0., 0.\n2, 1., 0.\n3, 1., 1.\n4, 0., 1.\n"
+SQUARE += "*ELEMENT, TYPE=CPS4, ELSET=Sheet\n1, 1, 2, 3, 4\n"
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("*ELEMENT, TYPE=SPRING1\n2, 1\n", "elements of type SPRING1, which are not"),
+        (
+            "*INSTANCE, NAME=One\n5., 0., 0.\n",
+            "is moved by 5., 0., 0.: the mesh is that",
+        ),
+    ],
+)
+def test_what_a_deck_has_beside_its_mesh_is_told(more, said, tmp_path):
+    path = tmp_path / "square.inp"
+    path.write_text(SQUARE + more)
+    with pytest.warns(UserWarning, match=said):
+        assert imported.read(path).ne == 1
+
+
+def test_names_and_words_of_decks_in_any_spelling(tmp_path):
+    """Sets whose names differ in capitals alone are one; GENERATE may stand on a line below."""
+    path = tmp_path / "square.inp"
+    second = (
+        "*NODE\n5, 2., 0.\n6, 2., 1.\n*ELEMENT, TYPE=CPS4, ELSET=SHEET\n2, 2, 5, 6, 3\n"
+    )
+    path.write_text(SQUARE + second + "*NSET, NSET=Held,\nGENERATE\n1, 4, 3\n")
+    mesh = imported.read(path)
+    assert (mesh.ne, mesh.GetMaterials()) == (2, ("Sheet",))
+    assert sorted(set(mesh.GetBoundaries())) == ["Held", "free"]
 
 
 def test_missing_files_and_bodies_are_named(tmp_path):
