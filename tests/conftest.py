@@ -13,7 +13,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
-from matplotlib.axis import Axis
+from drawing import draw_quickly
 from netgen.csg import CSGeometry
 from netgen.meshing import SetMessageImportance
 from netgen.occ import OCCGeometry
@@ -21,7 +21,6 @@ from ngsolve import Mesh, SetNumThreads
 
 from ngepc.geometries import block, ring
 from ngepc.pictures.stills import renderer
-from ngepc.pictures.style import RC
 
 # While modules of tests are imported nothing is garbage.
 gc.disable()
@@ -208,9 +207,7 @@ def no_open_figures():
 @pytest.fixture
 def quickly_drawn(monkeypatch):
     """Coarse pictures without layout and ticks, for tests of what is around them."""
-    monkeypatch.setattr(Axis, "draw", lambda axis, renderer: None)
-    monkeypatch.setitem(RC, "figure.constrained_layout.use", False)
-    monkeypatch.setitem(RC, "savefig.dpi", 40)
+    draw_quickly(monkeypatch)
 
 
 @pytest.fixture

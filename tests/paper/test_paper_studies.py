@@ -47,7 +47,7 @@ def test_table3_compares_path_and_direct_solve(tmp_path, monkeypatch):
     assert "directly" in (tmp_path / "table3.md").read_text()
 
 
-def test_figures_command_draws_and_reports_them(tmp_path):
+def test_figures_command_draws_and_reports_them(tmp_path, quickly_drawn):
     command = ["study", "figures", "--lshape-nodes", "33", "--wrench-nodes", "75"]
     assert main([*command, "--out", str(tmp_path)]) == 0
     for number in (2, 3, 5, 6):
@@ -88,7 +88,7 @@ def test_quotients_below_rounding_are_marked():
     assert found["rounding"] < 1e-10 * found["distances"][0]
 
 
-def test_figure4_study(tmp_path, monkeypatch):
+def test_figure4_study(tmp_path, monkeypatch, quickly_drawn):
     monkeypatch.setattr("ngepc.studies.convergence.coarse_start", lambda *_: None)
     small = {"lshape": (113,), "wrench": (123,)}
     monkeypatch.setattr("ngepc.studies.convergence.FAMILIES", small)

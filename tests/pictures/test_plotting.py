@@ -100,6 +100,15 @@ FIGURES = {
 }
 
 
+def assert_nothing_is_cut_off(written):
+    """A PNG with ink, but none in its first row and column."""
+    assert written.startswith(b"\x89PNG")
+    ink = (imread(BytesIO(written))[..., :3] < 0.95).any(axis=2)
+    assert 0.01 < ink.mean() < 0.95
+    assert not ink[0].any()
+    assert not ink[:, 0].any(), "something is cut off at the left"
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_figures_are_those_of_pyplot_until_they_are_written(name, request):
     """So that plt.savefig, plt.title and plt.show find them."""
@@ -108,16 +117,16 @@ def test_figures_are_those_of_pyplot_until_they_are_written(name, request):
     before, figure = plt.get_fignums(), FIGURES[name]()
     figure.set_dpi(60)
     assert plt.gcf() is figure
+    assert_nothing_is_cut_off(figure._repr_png_())
+    assert plt.get_fignums() == before
+
+
+@pytest.mark.parametrize("name", ["field", "history", "pictures beside each other"])
+def test_pyplot_writes_the_last_figure(name):
+    FIGURES[name]().set_dpi(60)
     saved = BytesIO()
     plt.savefig(saved)
-    for written in (saved.getvalue(), figure._repr_png_()):
-        assert written.startswith(b"\x89PNG")
-        pixels = imread(BytesIO(written))[..., :3]
-        ink = (pixels < 0.95).any(axis=2)
-        assert 0.01 < ink.mean() < 0.95
-        assert not ink[0].any()
-        assert not ink[:, 0].any(), "something is cut off at the left"
-    assert plt.get_fignums() == before
+    assert_nothing_is_cut_off(saved.getvalue())
 
 
 def test_without_pyplot_in_threads_and_notebooks_figures_are_free(monkeypatch):

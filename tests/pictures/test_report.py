@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from browser import Browser, chromium
+from drawing import draw_quickly
 from ngsolve import CF, sin, x
 from solved import lshape_dual, lshape_primal
 
@@ -245,7 +246,9 @@ def page(solved, tmp_path_factory):
     history = evolve(solved.problem, load_cycle(solved.problem, [1.0], 2))
     rows = ("All numbers", [history.as_rows()])
     units = UnitNames("mm", "MPa")
-    return write_report(path, "L", solved, history, rows, units=units)
+    with pytest.MonkeyPatch.context() as patch:
+        draw_quickly(patch)
+        return write_report(path, "L", solved, history, rows, units=units)
 
 
 def test_a_result_and_a_history_are_reports_of_their_own(solved, page):

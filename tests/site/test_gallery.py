@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawing import leave_out_layout
 from matplotlib.image import imread
 
 GALLERY = Path(__file__).resolve().parents[2] / "docs" / "gallery"
@@ -44,7 +45,8 @@ def test_scripts_are_as_short_as_the_page_says():
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
-def test_script_checks_itself(name, script, tmp_path, request):
+def test_script_checks_itself(name, script, tmp_path, request, monkeypatch):
+    leave_out_layout(monkeypatch)
     if name == "indentation":
         request.getfixturevalue("draws_solids")
     line = script(name).main(tmp_path, coarse=True)
