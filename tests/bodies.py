@@ -44,9 +44,13 @@ def curved(mesh):
     return mesh
 
 
-def prisms(n):
-    """The unit cube as 2 n^3 prisms, with the boundary names of ``geometries.block``."""
-    mesh = MakeStructured3DMesh(hexes=False, prism=True, nx=n, ny=n, nz=n)
+def prisms(n, across=None):
+    """The unit cube as 2 n m^2 prisms, with the boundary names of ``geometries.block``.
+
+    m is ``across``, n if it is None.
+    """
+    m = n if across is None else across
+    mesh = MakeStructured3DMesh(hexes=False, prism=True, nx=n, ny=m, nz=m)
     names = {"bottom": "clamped", "top": "contact"}
     for number, name in enumerate(mesh.GetBoundaries()):
         mesh.ngmesh.SetBCName(number, names.get(name, name))

@@ -332,7 +332,7 @@ class FinerRule:
                 owner=kept,
                 shares=shares[~steep, :count].reshape(-1, count),
                 weights=np.full(len(kept), size / count),
-                values=values[~steep, :count].reshape(len(kept), -1),
+                values=values[~steep, :count].reshape(len(kept), values.shape[2]),
             )
             if not steep.any():
                 return

@@ -118,13 +118,13 @@ def test_energies_fall_on_nested_meshes():
         ((4, 4), True, 2, 1e3),
         ((4, 4), False, 1, 1e-3),
         ((4, 1, 1), True, 1, 1e-3),
-        ((4, 1, 1), False, 2, 1e3),
+        ((2, 1, 1), False, 2, 1e3),
     ],
 )
 def test_the_integral_is_exact_and_values_stay_in_range(
     order, inside, cells, simplices
 ):
-    """In elements that a strip crosses, of every shape."""
+    """In elements that a strip crosses, of every shape; in space it crosses all of them."""
     value = strip(0.43, inside, 1.0)
     problem = pressed(order=order, cells=cells, simplices=simplices)
     points = points_of(problem)

@@ -186,7 +186,7 @@ def test_contact_friction_certificate_and_bound(law):
     assert result.status.is_success
     assert result.contact_force > 0.5
     assert result.plastic_increment.vec.Norm() > 0
-    fine = semismooth_newton(sheet(material, n=12, **data))
+    fine = semismooth_newton(sheet(material, n=8, **data))
     for order in (1, 2):
         bound = error_bound(semismooth_newton(problem.changed(order=order)))
         assert 0 < bound.energy - fine.primal_energy <= bound.total

@@ -179,11 +179,11 @@ SHEET = replace(
 ALL_LAWS = {
     "law": (
         Material.with_law(**ELASTIC, law=Voce(1.5, 1.0, 50.0)),
-        {"law.saturation": 0.6, "law.rate": 40.0},
+        {"law.saturation": 0.8, "law.rate": 45.0},
     ),
-    "overlay": (CYCLIC, {"overlay.bounds[0]": 1.2, "overlay.shares[1]": 0.15}),
-    "rate": (CREEPING, {"rate.overstress": 3.0, "rate.exponent": 1.5}),
-    "hill": (SHEET, {"hill.H": 0.5}),
+    "overlay": (CYCLIC, {"overlay.bounds[0]": 1.1, "overlay.shares[1]": 0.15}),
+    "rate": (CREEPING, {"rate.overstress": 2.5, "rate.exponent": 1.8}),
+    "hill": (SHEET, {"hill.H": 0.6}),
 }
 """Materials, and first guesses of some of their data."""
 
