@@ -289,9 +289,7 @@ class AdjointProblem(AdjointConditions):
 
         Their forces are at most lambda P, and lambda times what friction has left.
         """
-        forces = self.rows.limited(
-            start.base, self.presses, start.wanted, self._most(factor)
-        )
+        forces = self.rows.limited(start.base, self.presses, self._most(factor))
         contact = self.bound_data.contact
         rows = self.bound_data.discrete.rows
         normal, along = np.split(forces, [self._normals])

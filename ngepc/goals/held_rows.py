@@ -16,8 +16,6 @@ from ngepc.linalg.secants import Compliance
 
 SPARE = 3
 """Passes beyond the number of held rows."""
-ROUGH = 1e-2
-"""Tolerance of the values of held rows where forces are cut off."""
 CUTS = 20
 """Most passes until no more forces are cut off."""
 ROUNDING = 1e-10
@@ -87,17 +85,15 @@ class HeldRows:
         self._compliance.learn_anyway(change, moved)
         return Held(answer, moved)
 
-    def limited(
-        self, start: Held, held: np.ndarray, values: np.ndarray, most: np.ndarray
-    ) -> np.ndarray:
-        """Forces (rows,) of at most ``most`` near those of ``start``; other rows keep ``values``.
+    def limited(self, start: Held, held: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """Forces (rows,) of at most ``most`` near those of ``start``.
 
-        These are the rows ``held`` whose forces are not cut off.  A rough solution is enough.
+        The rows ``held`` (as booleans) whose forces are not cut off keep their values as W predicts
+        them, without a solve: a rough solution is enough.
         """
-        found = start
+        forces = start.forces
         left = held.copy()
         for _ in range(CUTS):
-            forces = found.forces
             more = left & (np.abs(forces) > most * (1 + ROUNDING))
             if not more.any():
                 break
@@ -106,7 +102,5 @@ class HeldRows:
             places = np.flatnonzero(left)
             moved = (self._compliance @ change)[places]
             change[places] = np.linalg.solve(self._compliance.block(places), -moved)
-            answer = self._moved(change, found)
-            found = Held(found.z - answer.z, forces + change)
-            found = self.held(found, left, values, ROUGH)
-        return np.clip(found.forces, -most, most)
+            forces = forces + change
+        return np.clip(forces, -most, most)
