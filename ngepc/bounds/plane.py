@@ -28,7 +28,7 @@ from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import solutions
 
-ADJOINT_GAIN = 0.05
+ADJOINT_GAIN = 0.07
 """A step of the search of the adjoint must lower its bound by this fraction."""
 
 ADJOINT_SHARE = 0.6

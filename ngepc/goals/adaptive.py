@@ -55,8 +55,8 @@ ALGEBRAIC_SHARE = 0.1
 ENERGIES = ("energy", "total", "algebraic")
 """Numbers of a ``MeshRecord`` that are energies."""
 
-# Newton pauses at a step that lowers the energy by less than this fraction of the last bound
-SMALL_STEP = 0.1
+LEFT = 0.005
+"""Newton's method pauses where further steps gain less than this fraction of the last bound."""
 FEWER = 0.45  # approximate ratio of the nodes of a mesh and of the next one
 HOPELESS = 1e3  # width of an interval over its middle from which on it lies around zero
 LEAST_LEFT = 1e-6  # smallest part of an error that a sequence of meshes aims at
@@ -298,7 +298,7 @@ def refined(
         if mesh.nv > options.max_nodes:
             return replace(here, message=too_fine(mesh, bound, options))
         state = carried_state(result, discrete_on(result, mesh, parents), parents)
-        small = SMALL_STEP * bound.total if math.isfinite(bound.total) else 0.0
+        small = LEFT * bound.total if math.isfinite(bound.total) else 0.0
 
 
 def thick_run(
@@ -514,6 +514,27 @@ def refined_mesh(
     return with_matching(problem, finer)
 
 
+class Pause:
+    """Stops Newton's method where further steps gain less than ``small`` (energy).
+
+    A step that divides the residual by q has lowered the energy by about q^2 times what is left.
+    """
+
+    def __init__(self, small: float) -> None:
+        self._small = small
+        self._before: IterationRecord | None = None
+
+    def __call__(self, record: IterationRecord) -> None:
+        """Called with the record of each iterate."""
+        before = self._before
+        self._before = record
+        if before is None:
+            return
+        remains = record.residual_norm / before.residual_norm
+        if abs(before.energy - record.energy) * remains**2 < self._small:
+            raise StopIteration
+
+
 class Tools(NamedTuple):
     """What a bound was computed with: data, tangent, search, and the compliance of the rows.
 
@@ -536,8 +557,8 @@ def solved(
 ) -> tuple[ExactResult, ErrorBound, int, Tools]:
     """Newton steps on one mesh until their part of the bound is small, and their number.
 
-    The last result is what the bound was computed with.  Newton steps pause at a step that lowers
-    the energy by less than a ``small`` amount.
+    The last result is what the bound was computed with.  Newton steps pause where further ones are
+    expected to lower the energy by less than a ``small`` amount.
     """
     bound_data = data_on(by_nodes(state.discrete))
     tangent = Factors(state.discrete, "sparsecholesky")
@@ -546,26 +567,15 @@ def solved(
     compliance = state.discrete.compliance()
     target = ExactTarget(state.discrete, lambda: compliance)
     steps = 0
-    energies = []
-
-    def pause(record: IterationRecord) -> None:
-        """Stop after a step that lowers the energy by less than ``small``."""
-        energies.append(record.energy)
-        if abs(energies[-2] - energies[-1]) < small:
-            raise StopIteration
-
     while True:
+        pause = Pause(small)
         limits = (TOLERANCE, options.max_iterations - steps)
-        energies[:] = [math.nan]
         result = newton_iteration(state, tangent, ExactResult, *limits, pause, target)
         steps += result.iterations
-        paused = (
-            result.status == Status.STOPPED and abs(energies[-2] - energies[-1]) < small
-        )
         held = state_by_nodes(result.state, bound_data.discrete)
         bound, search = bound_and_search(bound_data, held, nodal)
         tools = Tools(bound_data, nodal, search, compliance if alike else None)
-        if not paused:
+        if result.status != Status.STOPPED:
             return result, bound, steps, tools
         # Newton steps do not reduce the cost of clearing the obstacle between the nodes
         left = bound.algebraic - (bound.state.energy - result.primal_energy)
