@@ -4,6 +4,7 @@ import pytest
 from matplotlib.axis import Axis
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from ngepc.pictures import stills
 from ngepc.pictures.style import RC
 
 
@@ -16,4 +17,5 @@ def leave_out_layout(patch: pytest.MonkeyPatch) -> None:
 def draw_quickly(patch: pytest.MonkeyPatch) -> None:
     """Pictures are coarse, too."""
     leave_out_layout(patch)
+    patch.setattr(stills, "SIDE", 400)
     patch.setitem(RC, "savefig.dpi", 40)

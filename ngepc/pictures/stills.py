@@ -17,6 +17,8 @@ VIEW: Angles = (-60.0, 25.0)
 """Where solids are seen from, in degrees: around the z axis from x, and above the xy plane."""
 LIBRARY = "libEGL.so.1"
 WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"
+SIDE = 1400
+"""Of the square in which a solid is drawn, in pixels."""
 
 
 def renderer() -> ModuleType:
@@ -66,7 +68,7 @@ def solid_image(
     blind = sys.platform == "linux" and WINDOW not in os.environ
     try:  # otherwise VTK tries a screen first
         os.environ |= {WINDOW: "vtkEGLRenderWindow"} if blind else {}
-        plotter = pyvista.Plotter(off_screen=True, window_size=(1400, 1400))
+        plotter = pyvista.Plotter(off_screen=True, window_size=(SIDE, SIDE))
     finally:
         if blind:
             del os.environ[WINDOW]

@@ -289,6 +289,7 @@ METHODS = {
 """Column of docs/features.md -> the check, and what the method covers."""
 
 
+@pytest.mark.usefixtures("quickly_drawn")
 @pytest.mark.parametrize("feature", FEATURES)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_method_is_right_with_a_feature_or_refuses_it(method, feature, tmp_path):

@@ -23,6 +23,12 @@ SIZE = (3.0, 2.0, 1.0)
 CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 0), (1, 1), (0, 1)]).reshape(2, 3, 2)
 
 
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """Coarser pictures than those of users."""
+    monkeypatch.setattr(stills, "SIDE", 600)
+
+
 def box():
     """The surface of a box in triangles, and the number of the face of each: x-, x+, y-, ..."""
     faces = [

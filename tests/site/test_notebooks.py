@@ -34,10 +34,12 @@ ENVIRONMENT = os.environ | {
 QUICKLY_DRAWN = """
 from matplotlib.axis import Axis
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from ngepc.pictures import stills
 from ngepc.pictures.style import RC
 ConstrainedLayoutEngine.execute = lambda engine, figure: None
 Axis.draw = lambda axis, renderer: None
 RC["figure.dpi"] = 40
+stills.SIDE = 400
 """
 KEPT = "import gc; gc.freeze()"
 """What the notebooks before have imported is no garbage: a reset searches for it."""
