@@ -419,7 +419,7 @@ class Floating:
         other._load = body.load
         return other
 
-    @property
+    @cached_property
     def compliance(self) -> np.ndarray:
         """C with C C' = R Z (Z' K Z)^-1 Z' R', the compliance of the rows by these springs K."""
         stiffness = np.einsum(

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from ngsolve import H1, FESpace, GridFunction
@@ -143,6 +144,18 @@ class ContactConditions:
 
     def __len__(self) -> int:
         return len(self._closed_at)
+
+    @cached_property
+    def dependent(self) -> np.ndarray:
+        """Forces at nodes that have more of them than components, boolean of shape (n,).
+
+        With friction the two rows at the edge between two faces are dependent where both stick.
+        """
+        N = self.rows.normals.shape[1]
+        each = np.where(self.rows.tied, 1, 1 + self.friction.d)
+        several = np.bincount(self.rows.nodes, each) > N
+        there = several[self.rows.nodes]
+        return np.append(there, np.repeat(there, self.friction.d))
 
     def displacement(self, u: np.ndarray) -> np.ndarray:
         """R u for nodal displacements (nodes, N)."""

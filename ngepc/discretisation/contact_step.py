@@ -18,6 +18,10 @@ ROUNDING = 3e-14
 TURNING = 0.1
 """As ``LEFT`` where slip may turn, so that the conditions of a state are not quite linear."""
 
+PROXIMAL = (
+    1e-8  # springs of dependent forces, as a part of the compliance of their nodes
+)
+
 BESIDE = 1e-3  # distance from a kink at which the slope of friction is taken, as a part of the step
 
 EXAMINED = 600
@@ -84,8 +88,14 @@ def with_contact(
     # small problems between bounds cost less than the response
     response = None if law.is_box else law.response
     left = TURNING if law.d > 1 else LEFT
+    dependent = conditions.dependent
+    proximal = (
+        PROXIMAL * dependent / here.body.row_stiffness if dependent.any() else None
+    )
     try:
-        found = solve_by_secants(law, product, compliance, *given, response, left)
+        found = solve_by_secants(
+            law, product, compliance, *given, response, left, springs=proximal
+        )
     except np.linalg.LinAlgError:
         found = None
     if found is None:

@@ -80,6 +80,10 @@ class Compliance:
         other._matrix += self._matrix
         return other
 
+    def with_springs(self, springs: np.ndarray | None) -> Compliance:
+        """W, or W and springs of rows (n,) (length per force)."""
+        return self if springs is None else self.plus(springs)
+
     def copy(self) -> Compliance:
         """The same W, which has learned nothing and learns for itself."""
         return self.plus(np.zeros(len(self._matrix)))
@@ -140,6 +144,8 @@ def solve_by_secants(
     slack: float,
     response: Response | None = None,
     left: float = LEFT,
+    *,
+    springs: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Forces that meet the conditions of contact with the gaps they cause, from those given (n,).
 
@@ -149,17 +155,19 @@ def solve_by_secants(
     calls leaves the gaps as they were.  Where soft springs hold a part, rounding errors of its
     motion may be larger than that: when errors grow again, the nearest forces are returned.  With
     ``response`` there are few small problems: between them minimal residuals go on to a part
-    ``left`` of the residual.  None if a number became NaN or infinite or rows are dependent.
+    ``left`` of the residual.  ``springs`` (n,) are compliances added to W where rows are dependent;
+    they resist changes of the forces alone.  None if a number became NaN or infinite.
     """
     compliance.restart()
     parts = np.zeros(0)
     near = NEAR * np.abs(gaps).max(initial=0.0)
     nearest = Nearest(np.inf, forces, parts)
     for number in range(RESTARTS * (len(gaps) + 3)):
-        change, exact = small(compliance, gaps, forces)
-        predicted = compliance @ change
-        rounding = slack * (1 if number else FIRST)
-        if exact and np.abs(predicted).max(initial=0.0) <= rounding:
+        W = compliance.with_springs(springs)
+        change, exact = small(W, gaps, forces)
+        predicted = W @ change
+        size = float(np.abs(predicted).max(initial=0.0))
+        if exact and size <= slack * (1 if number else FIRST):
             return np.where(forces + change == 0, 0.0, forces), parts
         answer = product(change)
         compliance.learn_anyway(change, answer)
@@ -175,14 +183,11 @@ def solve_by_secants(
         if exact and error < nearest.error:
             nearest = Nearest(error, forces, parts)
         if nearest.error < near and not error <= GROWN * nearest.error:
-            unused = len(parts) - len(nearest.parts)
-            return nearest.forces, np.pad(nearest.parts, (0, unused))
+            return nearest.of_products(len(parts))
         if response is not None and exact:
-            A = response(compliance, gaps - off, forces)
+            A = response(compliance.with_springs(springs), gaps - off, forces)
             more = in_same_state(A, product, compliance, gaps, slack, left)
-            gaps = gaps + more.parts @ more.answers
-            forces = forces + more.parts @ more.forces
-            parts = np.append(parts, more.parts)
+            gaps, forces, parts = more.added_to(gaps, forces, parts)
         if not np.isfinite(gaps).all():
             return None
     return None
@@ -195,6 +200,10 @@ class Nearest(NamedTuple):
     forces: np.ndarray
     parts: np.ndarray  # of the products so far
 
+    def of_products(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The forces, and the parts of this number of products, the last of which are unused."""
+        return self.forces, np.pad(self.parts, (0, count - len(self.parts)))
+
 
 class Combination(NamedTuple):
     """A change of the forces: parts (k,) of forces (k, n) with the answers (k, n)."""
@@ -202,6 +211,16 @@ class Combination(NamedTuple):
     parts: np.ndarray
     forces: np.ndarray
     answers: np.ndarray
+
+    def added_to(
+        self, gaps: np.ndarray, forces: np.ndarray, parts: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gaps, forces and parts of products after this change."""
+        return (
+            gaps + self.parts @ self.answers,
+            forces + self.parts @ self.forces,
+            np.append(parts, self.parts),
+        )
 
 
 def in_same_state(

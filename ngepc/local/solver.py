@@ -209,11 +209,9 @@ class RepeatedSolver:
             monitor=monitor,
         )
         result = run(state, target=target, second=second)
-        failed = result.status is Status.NONFINITE
-        if failed and discrete.problem.processes.any(state.contact != 0):
-            # Forces of another problem may lead nowhere under friction: once more without them.
-            state = discrete.state(state.u)
-            result = run(state, target=target if iterative else None)
+        again = _start_again(state, result)
+        if again is not None:
+            result = run(again, target=target if iterative else None)
         if result.status in UNSOLVED and discrete.loosely_held:
             result = self._from_contact(discrete, run)
         gave_up = iterative and result.status is Status.NONFINITE
@@ -245,6 +243,22 @@ class RepeatedSolver:
                 return result
         said = f"{result.ending} {body.loosely_held.sentence}"
         return replace(result, ending=said)
+
+
+def _start_again(start: State, result: ExactResult) -> State | None:
+    """The state from which a run that failed is made once more, None if it is not.
+
+    Forces of another problem may lead nowhere under friction: without them.  Under Coulomb's law a
+    new compliance of the rows may lead to other forces, from where the run failed.
+    """
+    discrete = start.discrete
+    failed = result.status is Status.NONFINITE
+    if failed and discrete.problem.processes.any(start.contact != 0):
+        return discrete.state(start.u)
+    coulomb = not discrete.contact.friction.is_convex
+    if coulomb and result.status is Status.LINESEARCH_FAILED:
+        return result.state
+    return None
 
 
 @one_blas_thread

@@ -281,7 +281,10 @@ def searched(
 
 
 def slope_rounding(here: Iterate, change: np.ndarray, contact: np.ndarray) -> float:
-    """The rounding error of a slope, also where du is only a rounding error of u."""
+    """The rounding error of a slope, also where du is only a rounding error of u.
+
+    Weak springs of a floating part answer rounding errors of the forces with a rigid motion.
+    """
     body = here.body
     processes = here.body.contact.processes
     size = np.abs(here.u)
@@ -290,7 +293,9 @@ def slope_rounding(here: Iterate, change: np.ndarray, contact: np.ndarray) -> fl
     summed = processes.dot(np.abs(here.internal_forces), terms)
     pressing = processes.total(float(forces[body.contact.own].sum()))
     answers = processes.maximum(forces / body.row_stiffness)
-    return summed + pressing * ROUNDING * max(processes.maximum(size), answers)
+    rigid = processes.maximum(forces * (body.floating.compliance**2).sum(axis=1))
+    moved = ROUNDING * max(processes.maximum(size), answers) + EPSILON * rigid
+    return summed + pressing * moved
 
 
 def uniqueness(here: Iterate, tangent: Any) -> tuple[Status, str]:

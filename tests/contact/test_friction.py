@@ -26,6 +26,7 @@ from ngepc.discretisation.contact_step import is_unique
 from ngepc.geometries import block
 from ngepc.linalg.friction import FrictionCone
 from ngepc.linalg.secants import Compliance
+from ngepc.results import iteration
 
 MU, PRESSURE = 100.0, 4.0
 SPRINGY = Material.kinematic(
@@ -509,6 +510,38 @@ def test_turned_bodies_give_turned_solutions():
     assert (c * fx + s * fy, c * fy - s * fx) == pytest.approx(
         one.friction_force[:2], abs=1e-8
     )
+
+
+def wedged(angle, friction, simplices=False, order=2):
+    """A block in a corner whose third side is pushed in; contact alone holds it, at an angle."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, -s], [s, c]])
+    mesh = block.structured_mesh(4, 3, simplices=simplices)
+    for point in mesh.ngmesh.Points():
+        point[0], point[1] = turn @ [point[0], point[1]]
+    metal = Material.metal(
+        young=1e3, poisson=0.3, yield_stress=20.0, plastic_modulus=50
+    )
+    walls = {"left": 0.0, "clamped": 0.0, "right": -0.004}
+    return Problem(
+        Mesh(mesh.ngmesh),
+        metal,
+        None,
+        contact=tuple(walls),
+        gap=walls,
+        body_force=tuple(turn @ (-5.0, -3.0)),
+        friction=friction,
+        order=order,
+    )
+
+
+@pytest.mark.parametrize(
+    ("angle", "simplices"), [(1.75, False), (2.65, False), (5.2, False), (1.45, True)]
+)
+def test_a_wedged_block_finds_an_equilibrium(angle, simplices, monkeypatch):
+    """Four forces act at two components where walls meet: rounding chose among their splits."""
+    monkeypatch.setattr(iteration, "several_solutions", lambda *_: (False, ""))
+    assert solved(wedged(angle, Coulomb(0.2), simplices)).iterations <= 6
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The small problems of contact and their compliance, against dense linear algebra."""
 
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
@@ -183,6 +184,20 @@ def test_dependent_rows_share_a_force():
         )
         assert found == pytest.approx(forces)
         assert (np.array(gaps) + S @ found >= -1e-12).all()
+
+
+def test_springs_of_dependent_rows_leave_nothing(rng):
+    """Three bounded forces on two gaps: the gaps are closed, and W without springs is singular."""
+    R = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]])
+    S = R.T @ R
+    loads = R.T @ rng.uniform(-1, -0.5, 2)
+    small = partial(in_box, low=-10.0, high=10.0)
+    W = Compliance.of(S)
+    springs = np.full(3, 1e-6)
+    given = loads, np.zeros(3), 1e-14
+    found, _ = solve_by_secants(small, S.dot, W, *given, springs=springs)
+    assert np.abs(loads + S @ found).max() < 1e-13
+    assert np.abs(found).max() < 1.0
 
 
 def test_numbers_that_are_not_finite_are_refused():
