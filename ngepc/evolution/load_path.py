@@ -17,6 +17,7 @@ from ngepc.checks.arguments import (
     require_integer,
     require_number,
 )
+from ngepc.checks.coefficients import with_own_functions
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.checks.sentences import in_words
 from ngepc.model.places import Roller
@@ -144,12 +145,15 @@ class Schedule:
             raise ValueError(
                 "obstacle_motion with begin=None: the time of the initial state is needed"
             )
-        motions = [self.obstacle_motion(t) for t in (before, time)]
-        first, last = (
-            require_components(f"obstacle_motion at time {t:g}", motion, dimension)
-            for t, motion in zip((before, time), motions, strict=True)
-        )
-        return None if are_same_numbers(*motions) else last - first
+        motions = []
+        vectors = []
+        for t in (before, time):
+            name = f"obstacle_motion at time {t:g}"
+            motions.append(self.obstacle_motion(t))
+            vector = require_components(name, motions[-1], dimension)
+            # the next call may give its Parameters and functions other values
+            vectors.append(with_own_functions(name, vector))
+        return None if are_same_numbers(*motions) else vectors[1] - vectors[0]
 
     def at(self, time: float) -> Changes:
         """The changes at a time; an error if they are not a mapping of legal fields."""

@@ -228,10 +228,9 @@ class _Run:
             check_refined(self.problem)
             self.problem = problem_on_simplices(self.problem)
         self.evolution = Evolution(self.problem, [], Memory.initial(self.problem))
-        self._own = OwnCopies()
+        self._checked: dict[float, tuple[Problem, dict, Problem]] = {}
         self._store = Store()
         self._before: dict[int, Memory] = {}  # histories before the last steps
-        self._checked: dict[float, tuple[Problem, Problem]] = {}
         for time in self.schedule.times:
             step = self._checked_step(time)
             if self.error is not None:
@@ -242,11 +241,12 @@ class _Run:
     def resume(self, file: EvolutionFile) -> None:
         """Read the finished steps of a checkpoint, if there is one."""
         self.file = file
+        own = OwnCopies()
         steps, pending = file.load()
         for row, arrays in steps:
             digest = row.pop("fingerprint")
             record = stored_record(file.path, StepRecord, row)
-            problem = self._problem_at(record.time)
+            problem = own.of(self._problem_at(record.time))
             functions = self.evolution.memory.functions
             file.check(problem, record.time, digest)
             u = GridFunction(displacement_space(problem), name="displacement")
@@ -256,7 +256,7 @@ class _Run:
             for function, name in ((u, "u"), (p, "p")):
                 values = function.vec.FV().NumPy()
                 values[:] = array_of(file.path, arrays, name, len(values))
-            fields = Fields(self._own.of(problem), u, p)
+            fields = Fields(problem, u, p)
             self._append(EvolutionStep(fields, record, arrays["contact"]))
         self.pending = pending if steps else self.pending
 
@@ -329,13 +329,17 @@ class _Run:
         return self.evolution.memory.before(step, **left)
 
     def _stated(self, time: float, duration: float | None) -> Problem:
-        """The problem with the changes of a step, checked once, and any history."""
-        base, step = self._checked.get(time, (None, None))
-        if base is not self.problem:
-            changes = dict(self.schedule.at(time)) | {"duration": duration}
-            step = self.problem.changed(**changes)
+        """The problem with the changes of a step, and any history.
+
+        It is checked once if the changes are the same objects when the step is solved.
+        """
+        changes = dict(self.schedule.at(time))
+        base, before, step = self._checked.get(time, (None, {}, self.problem))
+        known = base is self.problem and changes.keys() == before.keys()
+        if not known or any(changes[name] is not before[name] for name in changes):
+            step = self.problem.changed(**changes, duration=duration)
             check_kind(self.problem.material, step.material)
-            self._checked[time] = self.problem, step
+            self._checked[time] = self.problem, changes, step
         return step
 
     def _start_of_slip(self, before: float | None, time: float) -> object:
@@ -382,8 +386,7 @@ class _Run:
         if isinstance(result, ExactResult):
             functions.points.misses_like(result.discrete.points)
         increment = functions.function(functions.points.at(result.plastic_increment))
-        own = self._own.of(result.problem)
-        fields = Fields(own, result.displacement, increment)
+        fields = Fields(result.problem, result.displacement, increment)
         known = {"time": time, "cuts": level, "error_bound": relative}
         known["guaranteed"] = proved
         record = StepRecord.of(result, fields, self.evolution.memory, **known)

@@ -35,6 +35,7 @@ from ngepc.model.features import (
     SUPPORT_FEATURES,
     require_covered,
 )
+from ngepc.model.own import OwnCopies
 from ngepc.model.problem import Problem
 from ngepc.results.iteration import ExactTarget, newton_iteration
 from ngepc.results.options import NewtonOptions
@@ -131,6 +132,7 @@ class RepeatedSolver:
         require_instance("options", options, NewtonOptions, "NewtonOptions(...)")
         self.options = options
         self._chosen = options.inverse
+        self._own = OwnCopies()
         self._discrete: DiscreteProblem | None = None
         self._tangent: Factors | IterativeTangent | None = None
 
@@ -154,10 +156,18 @@ class RepeatedSolver:
         return self.solve_from(state, monitor, partial(self._compliance, discrete))
 
     def discretised(self, problem: Problem) -> DiscreteProblem:
-        """The discrete problem, with data of the last one; errors as for a call."""
+        """The discrete problem, with data of the last one; errors as for a call.
+
+        Data are as they are now: a ``Parameter`` or a GridFunction in them may have other values
+        than in the last solve, and the mesh other points.
+        """
         require_instance("problem", problem, Problem, "a Problem")
         require_covered(problem, "semismooth_newton", COVERS)
-        return DiscreteProblem(problem, like=self._discrete)
+        own = self._own.of(problem)
+        like = self._discrete
+        if like is not None and like.problem.solved_on != own.solved_on:
+            like = None
+        return DiscreteProblem(own, like=like)
 
     def _fastest(self, discrete: DiscreteProblem) -> str | Iterative:
         """The linear solver for a body where the options name none."""

@@ -60,7 +60,7 @@ class WarmSolver(RepeatedSolver):
         self._next = None
         if self.last is None or self._tangent is None:
             return None
-        discrete = DiscreteProblem(problem, like=self._discrete)
+        discrete = self.discretised(problem)
         if discrete.stiffness is not self._discrete.stiffness:
             return None
         held = self._discrete.supports.values

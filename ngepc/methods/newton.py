@@ -92,11 +92,10 @@ def semismooth_newton(
     require_function("monitor", monitor, "a record", optional=True)
     if gamma is not None and regularisation is not None:
         raise ValueError(f"gamma={gamma!r}: give either gamma or regularisation")
-    own = own_copy(problem)
     if gamma is None and regularisation is None:
         tolerance = options.tolerance
         limit = options.max_iterations
-        return solve_exactly(own, start, tolerance, limit, options.inverse, monitor)
+        return solve_exactly(problem, start, tolerance, limit, options.inverse, monitor)
     regularisation = Coupled(gamma) if regularisation is None else regularisation
     require_instance("regularisation", regularisation, Coupled, "Coupled(...)")
-    return solve_regularised(own, regularisation, start, options, monitor)
+    return solve_regularised(own_copy(problem), regularisation, start, options, monitor)

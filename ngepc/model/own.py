@@ -1,20 +1,23 @@
 """A problem as it is at the moment of a solve: what changes later does not change its result.
 
-An ``ngsolve.Parameter`` becomes its number, a GridFunction among the loads, gaps and material data
-a copy.  The mesh is shared: that it has been refined, curved or moved since is refused by name.
+An ``ngsolve.Parameter`` becomes its number; a GridFunction among the loads, gaps and material data,
+a dictionary, a list and an array become copies.  The mesh is shared: that it has been refined,
+curved or moved since is refused by name.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import is_dataclass
 from functools import partial
 from typing import NamedTuple
 from zlib import crc32
 
+import numpy as np
 from ngsolve import CoefficientFunction, GridFunction, Mesh, Parameter
 
+from ngepc.checks.arguments import is_number
 from ngepc.checks.coefficients import (
     FUNCTION,
     PARAMETER,
@@ -69,36 +72,54 @@ class OwnCopies:
 
 
 def _contents(value: object, *, functions: bool) -> Iterator[object]:
-    """What may change in a datum: numbers of parameters, values of functions if they count."""
+    """What may change in a datum: numbers, those of parameters, and of functions if they count."""
     if isinstance(value, CoefficientFunction):
-        for leaf in leaves_of(value, PARAMETER):
-            if isinstance(leaf, Parameter):
-                yield leaf.Get()
-        for leaf in leaves_of(value, FUNCTION) if functions else ():
-            if isinstance(leaf, GridFunction):
-                yield hash(leaf.vec.FV().NumPy().tobytes())
-        return
-    parts = ()
+        yield from _values_in(value, functions=functions)
+    elif is_number(value) or value is None or isinstance(value, str):
+        yield value
+    else:
+        for part in _parts(value):
+            yield from _contents(part, functions=functions)
+
+
+def _values_in(
+    coefficient: CoefficientFunction, *, functions: bool
+) -> Iterator[object]:
+    """Numbers of the parameters of a coefficient, and checksums of its functions."""
+    for leaf in leaves_of(coefficient, PARAMETER):
+        if isinstance(leaf, Parameter):
+            yield leaf.Get()
+    for leaf in leaves_of(coefficient, FUNCTION) if functions else ():
+        if isinstance(leaf, GridFunction):
+            yield hash(leaf.vec.FV().NumPy().tobytes())
+
+
+def _parts(value: object) -> Iterable[object]:
+    """What a datum is made of; nothing if it is a whole."""
     if isinstance(value, Mapping):
-        parts = value.values()
-    elif isinstance(value, tuple | list):
-        parts = value
-    elif is_dataclass(value) and not isinstance(value, type):
-        parts = vars(value).values()
-    for part in parts:
-        yield from _contents(part, functions=functions)
+        return (*map(str, value), *value.values())
+    if isinstance(value, tuple | list):
+        return value
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if is_dataclass(value) and not isinstance(value, type):
+        return vars(value).values()
+    return ()
 
 
 def _changed(name: str, value: object, change: Change) -> object:
-    """A datum with each coefficient in it changed, itself if there is none."""
+    """A datum with each coefficient in it changed, itself if nothing in it can change."""
     if isinstance(value, CoefficientFunction):
         return change(name, value)
     again = partial(_changed, name, change=change)
     if isinstance(value, Mapping):
-        new = {key: again(entry) for key, entry in value.items()}
-        same = all(new[key] is value[key] for key in new)
-    elif isinstance(value, tuple | list):
-        new = type(value)(map(again, value))
+        return {key: again(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    if isinstance(value, list):
+        return [again(entry) for entry in value]
+    if isinstance(value, tuple):
+        new = tuple(map(again, value))
         same = all(a is b for a, b in zip(new, value, strict=True))
     elif is_dataclass(value) and not isinstance(value, type):
         new = copy.copy(value)

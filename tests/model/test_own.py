@@ -9,8 +9,11 @@ from bodies import STEEL
 from ngsolve import H1, GridFunction, Integrate, Parameter, VectorH1, x
 
 from ngepc import (
+    Coulomb,
     Material,
     Problem,
+    RepeatedSolver,
+    Schedule,
     contact_force_bracket,
     error_bound,
     error_indicators,
@@ -97,6 +100,98 @@ def test_steps_of_a_history_keep_their_data():
     before = [Integrate(s.fields.von_mises, problem.mesh) for s in steps.steps]
     load.Set(4.0)
     assert [Integrate(s.fields.von_mises, problem.mesh) for s in steps.steps] == before
+
+
+def forces(steps):
+    return pytest.approx([step.record.contact_force for step in steps], rel=1e-8)
+
+
+def as_parameter(problem):
+    """The gap follows a Parameter that the changes set."""
+    time = Parameter(0.0)
+    gap = -1e-3 * time
+
+    def changes(t):
+        time.Set(t)
+        return {"gap": gap}
+
+    return problem, changes, None
+
+
+def as_function(problem):
+    """The gap has a function that a monitor moves after each step."""
+    worn = GridFunction(H1(problem.mesh, order=1))
+
+    def wear(step):
+        worn.vec.FV().NumPy()[:] -= 1e-3
+
+    return problem.changed(gap=worn - 1e-3), lambda t: {}, wear
+
+
+def as_mapping(problem):
+    """One dictionary for all steps, with other numbers in each."""
+    gaps = {"contact": 0.0}
+
+    def changes(t):
+        gaps["contact"] = -1e-3 * t
+        return {"gap": gaps}
+
+    return problem, changes, None
+
+
+@pytest.mark.parametrize("solver", [None, primal_newton])
+@pytest.mark.parametrize("made", [as_parameter, as_function, as_mapping])
+def test_each_step_has_the_data_of_its_time(made, solver):
+    """Data that change in place are as they are when the step is solved."""
+    problem = problem_of(3.0, 0.0)
+    times = (1.0, 2.0, 3.0)
+    plain = evolve(problem, Schedule(times, lambda t: {"gap": -1e-3 * t}), solver)
+    problem, changes, monitor = made(problem)
+    found = evolve(problem, Schedule(times, changes), solver, monitor=monitor)
+    assert found.column("contact_force") == forces(plain.steps)
+    again = [step.solution.contact_force for step in found.steps]
+    assert again == forces(plain.steps)
+
+
+def test_the_motion_of_an_obstacle_by_a_parameter():
+    problem = problem_of(0.0, -1e-3).changed(friction=Coulomb(0.3))
+    way = Parameter(0.0)
+    motion = (way, 0.0)
+
+    def moved(t):
+        way.Set(1e-3 * t)
+        return motion
+
+    def slid(motion):
+        schedule = Schedule((1.0, 2.0), lambda t: {}, obstacle_motion=motion)
+        return evolve(problem, schedule).steps[-1].record.contact_resultant
+
+    assert slid(moved) == pytest.approx(slid(lambda t: (1e-3 * t, 0.0)), rel=1e-9)
+
+
+def test_a_repeated_solver_sees_what_changed_in_place():
+    """A Parameter of the material, a dictionary of loads, and the points of the mesh."""
+    stiff, loads = Parameter(1e3), {"left": 3.0}
+    metal = {"lame_mu": 1e3, "yield_stress": 1.25, "hardening": 100.0}
+    material = Material.kinematic(lame_lambda=stiff, **metal)
+    problem = problem_of(0.0, 1e-3).changed(material=material, pressure=loads)
+    repeated = RepeatedSolver()
+
+    def same():
+        fresh = numbers_of(semismooth_newton(problem))
+        return numbers_of(repeated(problem)) == pytest.approx(fresh, rel=1e-8)
+
+    assert same()
+    stiff.Set(500.0)
+    assert same()
+    before = repeated(problem)
+    kept = numbers_of(before)
+    loads["left"] = 2.0
+    assert np.array_equal(numbers_of(before), kept)
+    assert same()
+    for point in problem.mesh.ngmesh.Points():
+        point[1] = 1.5 * point.p[1]
+    assert same()
 
 
 REFUSED = (
