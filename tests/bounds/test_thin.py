@@ -28,6 +28,7 @@ from ngepc import (
 from ngepc.bounds.densities import missed
 from ngepc.bounds.of_state import data_on
 from ngepc.geometries import block
+from ngepc.goals.goal_bound import GoalProblem
 
 LAME = {"lame_lambda": 1.5e3, "lame_mu": 1e3}
 LINEAR = Material.kinematic(**LAME, yield_stress=1.25, hardening=1e2)
@@ -131,7 +132,7 @@ def test_fine_goals_are_in_the_intervals(name, order):
     material = MATERIALS[name]
     result = semismooth_newton(sheet(material, order))
     goals = ("work", "contact_force", Reaction("clamped", 1))
-    found = [goal_bound(result, goal) for goal in goals]
+    found = list(map(GoalProblem(result).bound_of, goals))
     for goal, interval in zip(goals, found, strict=True):
         value = value_of(fine_result(name), goal)
         assert interval.lower < value < interval.upper

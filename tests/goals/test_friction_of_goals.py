@@ -20,6 +20,7 @@ from ngepc import (
 )
 from ngepc.bounds.of_state import data_on
 from ngepc.geometries import block
+from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.goal_boundary import FrictionTerms
 
 MATERIAL = Material.kinematic(
@@ -49,8 +50,9 @@ def test_fine_goals_are_in_the_intervals(order, friction):
     """Where some nodes slip, all slip, or all stick."""
     result = semismooth_newton(dragged(order, friction))
     fine = semismooth_newton(finer(replace(result.problem, order=2), order))
+    goals = GoalProblem(result)
     for goal in GOALS:
-        coarse = goal_bound(result, goal)
+        coarse = goals.bound_of(goal)
         assert coarse.lower <= value_of(fine, goal) <= coarse.upper
     better = goal_bound(fine, goal)
     assert max(coarse.lower, better.lower) <= min(coarse.upper, better.upper)
@@ -91,9 +93,9 @@ def test_without_bound_friction_is_none():
     """F = 0 gives the interval without friction."""
     none = replace(dragged(), friction=None, initial_displacement=None)
     zero = dragged(friction=0.0)
+    smooth, rubbed = (GoalProblem(semismooth_newton(body)) for body in (none, zero))
     for goal in GOALS:
-        one = goal_bound(semismooth_newton(none), goal)
-        other = goal_bound(semismooth_newton(zero), goal)
+        one, other = smooth.bound_of(goal), rubbed.bound_of(goal)
         assert other.interval == pytest.approx(one.interval, rel=1e-6)
 
 

@@ -26,6 +26,7 @@ from ngepc import (
 )
 from ngepc.geometries import block
 from ngepc.goals.adjoint import LOOSEST
+from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.goal_terms import MEETING
 from ngepc.goals.receipt import LOSS
 from ngepc.goals.roller_motion import motion_of_support, moved
@@ -74,10 +75,10 @@ def along(turn):
 )
 def test_a_turned_body_has_the_same_intervals(order, changes):
     """As far as the values of held rows are solved."""
-    here = solved(plate(order=order, **changes))
-    there = solved(plate(TURN, order, **changes))
+    here = GoalProblem(solved(plate(order=order, **changes)))
+    there = GoalProblem(solved(plate(TURN, order, **changes)))
     for goals in ((along(UPRIGHT), along(TURN)), ("contact_force", "contact_force")):
-        first, second = map(goal_bound, (here, there), goals)
+        first, second = map(GoalProblem.bound_of, (here, there), goals)
         near = LOOSEST * first.width
         assert first.lower < first.discrete < first.upper
         assert second.discrete == pytest.approx(first.discrete, rel=1e-8)
@@ -102,10 +103,10 @@ def test_reactions_turn_with_the_body(order):
 
 def test_reactions_and_loads_are_in_balance():
     """The intervals of all supports and of the obstacle together contain minus the load."""
-    result = solved(plate(TURN, 2))
-    pressed = goal_bound(result, "contact_force")
+    goals = GoalProblem(solved(plate(TURN, 2)))
+    pressed = goals.bound_of("contact_force")
     for component in (0, 1):
-        found = [goal_bound(result, Reaction(name, component)) for name in THREE]
+        found = [goals.bound_of(Reaction(name, component)) for name in THREE]
         push = -TURN[component, 1]
         load = TURN[component] @ [0.0, 0.4]
         area = 1 - math.pi * 0.3**2 / 4
@@ -128,12 +129,12 @@ def test_intervals_hold_fine_values(order):
         TURN, order, prescribed=supports, traction=load, contact=None, gap=None
     )
     fine = solved(finer(problem, 1))
-    result = solved(problem)
+    goals = GoalProblem(solved(problem))
     for goal in (
         along(TURN),
         *(Reaction(name, k) for name in supports for k in (0, 1)),
     ):
-        found = goal_bound(result, goal)
+        found = goals.bound_of(goal)
         assert found.lower < value_of(fine, goal) < found.upper
     assert goal_bound(fine, goal).width < found.width
 

@@ -20,6 +20,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block
+from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.supremum import ScaledLaw
 from ngepc.goals.supremum_of_ellipsoids import CLOSE, EllipsoidLaw, largest_on_ellipsoid
 
@@ -169,11 +170,12 @@ def test_intervals_hold_fine_values(order, kinematics):
     fine = solved(finer(problem.changed(order=2), order - 1))
     assert result.state.plastic_measure > 0
     known = float(Integrate(fine.displacement[0] * ds("right"), fine.problem.mesh))
-    found = goal_bound(result, PULLED)
+    goals = GoalProblem(result)
+    found = goals.bound_of(PULLED)
     assert found.lower < known < found.upper
-    pressed = goal_bound(result, "contact_force")
+    pressed = goals.bound_of("contact_force")
     assert pressed.lower < fine.contact_force < pressed.upper
-    pulled = goal_bound(result, Reaction("clamped", 0))
+    pulled = goals.bound_of(Reaction("clamped", 0))
     assert pulled.lower < fine.equilibrium.reactions["clamped"][0] < pulled.upper
 
 

@@ -11,6 +11,7 @@ from campaigns.intervals import value_of
 from ngepc import MeanDisplacement, Voce, goal_bound, semismooth_newton
 from ngepc.discretisation.resistance import Resistance
 from ngepc.geometries import block
+from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.pieces import mean_squares, pieces_last
 from ngepc.goals.supremum import ScaledLaw
 from ngepc.goals.supremum_of_laws import CLOSE, NonlinearLaw
@@ -118,7 +119,8 @@ def test_intervals_contain_the_value_of_a_fine_mesh(feature, changes):
     result = semismooth_newton(problem)
     fine = semismooth_newton(finer(problem, 1))
     assert result.state.at.yields.any()
+    goals = GoalProblem(result)
     for goal in ("work", MeanDisplacement("right", 0)):
-        coarse = goal_bound(result, goal)
+        coarse = goals.bound_of(goal)
         assert coarse.lower < value_of(fine, goal) < coarse.upper
     assert goal_bound(fine, goal).width < 0.7 * coarse.width
