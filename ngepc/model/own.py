@@ -1,8 +1,8 @@
 """A problem as it is at the moment of a solve: what changes later does not change its result.
 
 An ``ngsolve.Parameter`` becomes its number; a GridFunction among the loads, gaps and material data,
-a dictionary, a list and an array become copies.  The mesh is shared: that it has been refined,
-curved or moved since is refused by name.
+dictionaries, the lists in them, and arrays become copies.  The mesh is shared: that it has been
+refined, curved or moved since is refused by name.
 """
 
 from __future__ import annotations
@@ -113,13 +113,14 @@ def _changed(name: str, value: object, change: Change) -> object:
         return change(name, value)
     again = partial(_changed, name, change=change)
     if isinstance(value, Mapping):
-        return {key: again(entry) for key, entry in value.items()}
+        return {
+            key: again([*entry] if isinstance(entry, list) else entry)
+            for key, entry in value.items()
+        }
     if isinstance(value, np.ndarray):
         return value.copy()
-    if isinstance(value, list):
-        return [again(entry) for entry in value]
-    if isinstance(value, tuple):
-        new = tuple(map(again, value))
+    if isinstance(value, tuple | list):
+        new = type(value)(map(again, value))
         same = all(a is b for a, b in zip(new, value, strict=True))
     elif is_dataclass(value) and not isinstance(value, type):
         new = copy.copy(value)

@@ -14,6 +14,7 @@ from ngepc import (
     Problem,
     RepeatedSolver,
     Schedule,
+    cold_start,
     contact_force_bracket,
     error_bound,
     error_indicators,
@@ -192,6 +193,26 @@ def test_a_repeated_solver_sees_what_changed_in_place():
     for point in problem.mesh.ngmesh.Points():
         point[1] = 1.5 * point.p[1]
     assert same()
+
+
+def test_a_material_without_such_data_is_the_same_in_all_steps():
+    """Also one by a curve, a list of pairs: steps of equal materials have a distance bound."""
+    curve = [(0.00125, 1.25), (0.01, 1.5), (0.5, 2.0)]
+    metal = Material.metal(young=1e3, poisson=0.3, curve=curve)
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    problem = Problem(mesh, metal, traction={"left": [0.3, 0.0]}, order=1)
+    history = evolve(problem, [(1.0, {}), (2.0, {})], cold_start(semismooth_newton))
+    history.raise_for_status()
+    assert {id(step.problem.material) for step in history.steps} == {id(metal)}
+
+
+def test_a_list_of_a_load_that_changes_later_changes_no_result():
+    load = [3.0, 0.0]
+    problem = problem_of(0.0, 1e-3).changed(traction={"left": load}, pressure=None)
+    result = semismooth_newton(problem)
+    before = error_bound(result).total
+    load[0] = 1.0
+    assert error_bound(result).total == before
 
 
 REFUSED = (
