@@ -66,7 +66,7 @@ class OwnCopies:
         state = list(_contents(value, functions=not of_a_step))
         last = self._last.get(name)
         if last is None or last[0] is not value or last[1] != state:
-            last = value, state, _changed(name, value, change)
+            last = value, state, _changed(name, _copied(value), change)
             self._last[name] = last
         return last[2]
 
@@ -107,19 +107,22 @@ def _parts(value: object) -> Iterable[object]:
     return ()
 
 
+def _copied(value: object) -> object:
+    """A copy of a dictionary and the lists and arrays in it, of a list or an array; else itself."""
+    if isinstance(value, Mapping):
+        return {key: _copied(entry) for key, entry in value.items()}
+    return copy.copy(value) if isinstance(value, list | np.ndarray) else value
+
+
 def _changed(name: str, value: object, change: Change) -> object:
-    """A datum with each coefficient in it changed, itself if nothing in it can change."""
+    """A datum with each coefficient in it changed, itself if there is none."""
     if isinstance(value, CoefficientFunction):
         return change(name, value)
     again = partial(_changed, name, change=change)
     if isinstance(value, Mapping):
-        return {
-            key: again([*entry] if isinstance(entry, list) else entry)
-            for key, entry in value.items()
-        }
-    if isinstance(value, np.ndarray):
-        return value.copy()
-    if isinstance(value, tuple | list):
+        new = {key: again(entry) for key, entry in value.items()}
+        same = all(new[key] is value[key] for key in new)
+    elif isinstance(value, tuple | list):
         new = type(value)(map(again, value))
         same = all(a is b for a, b in zip(new, value, strict=True))
     elif is_dataclass(value) and not isinstance(value, type):

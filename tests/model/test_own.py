@@ -25,6 +25,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block, ring
+from ngepc.model.kinematics import PLANE_STRAIN
 
 
 def regularised(problem):
@@ -204,6 +205,15 @@ def test_a_material_without_such_data_is_the_same_in_all_steps():
     history = evolve(problem, [(1.0, {}), (2.0, {})], cold_start(semismooth_newton))
     history.raise_for_status()
     assert {id(step.problem.material) for step in history.steps} == {id(metal)}
+
+
+@pytest.mark.parametrize("thickness", [None, 2.0])
+def test_the_kinematics_is_no_copy(thickness):
+    """Bounds know those of ngepc, of every thickness."""
+    problem = problem_of(3.0, 1e-3).changed(kinematics="plane strain")
+    result = RepeatedSolver()(replace(problem, thickness=thickness))
+    assert result.problem.kinematics.basis is PLANE_STRAIN.basis
+    assert error_bound(result).guaranteed
 
 
 def test_a_list_of_a_load_that_changes_later_changes_no_result():
