@@ -58,7 +58,7 @@ ENERGIES = ("energy", "total", "algebraic")
 LEFT = 0.005
 """Newton's method pauses where further steps gain less than this fraction of the last bound."""
 FEWER = 0.4  # approximate ratio of the nodes of a mesh and of the next one
-HOPELESS = 100.0  # width of an interval over its middle from which on it lies around zero
+HOPELESS = 100.0  # an interval this many times wider than its middle lies around zero
 LEAST_LEFT = 1e-6  # smallest part of an error that a sequence of meshes aims at
 AIM = 0.97  # meshes aim at this fraction of the tolerance, as expected errors are not exact
 SLOWEST = 1.6
