@@ -124,7 +124,7 @@ def test_energies_fall_on_nested_meshes():
 def test_the_integral_is_exact_and_values_stay_in_range(
     order, inside, cells, simplices
 ):
-    """In elements that a strip crosses, of every shape; in space it crosses all of them."""
+    """In elements that a strip crosses, of every shape, also where all their parts are cut."""
     value = strip(0.43, inside, 1.0)
     problem = pressed(order=order, cells=cells, simplices=simplices)
     points = points_of(problem)
