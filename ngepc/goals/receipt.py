@@ -177,7 +177,8 @@ def words_of(
         layers = [receipt_arrays(file, bound, u)]
     else:
         factor, distance = factor_and_distance(goal, largest, body.wrong.max())
-        u = clear_state(bound_data, bound.state, CLEARANCE * largest + distance)
+        clearance = CLEARANCE * largest + distance
+        u = clear_state(bound_data, bound.state, clearance, goal.terms.motion)
         adjoint = goal_arrays(file, goal, u)
         adjoint = {name: values / factor for name, values in adjoint.items()}
         layers = [receipt_arrays(file, bound, u), adjoint]
@@ -272,11 +273,17 @@ def goal_arrays(file: FileOf, goal: GoalBound, u: np.ndarray) -> dict[str, np.nd
     return arrays
 
 
-def clear_state(bound_data: BoundData, state: State, clearance: float) -> np.ndarray:
+def clear_state(
+    bound_data: BoundData,
+    state: State,
+    clearance: float,
+    motion: np.ndarray | None = None,
+) -> np.ndarray:
     """Displacements (nodes, N) at a distance from the obstacle, in spite of rounding.
 
     Vertices that supports hold are not changed: a closed gap there is refused, unless displacement
-    and gap are zero, which have no rounding errors.
+    and gap are zero, which have no rounding errors, and so is the ``motion`` of the support whose
+    reaction is the goal.
     """
     contact = copy(bound_data.contact)
     contact.boundary = copy(bound_data.boundary)
@@ -284,12 +291,14 @@ def clear_state(bound_data: BoundData, state: State, clearance: float) -> np.nda
     free = bound_data.discrete.supports.free[contact.nodes[:, :N]]
     normal = np.where(free, contact.normal[:, None], 0.0)
     moves = np.einsum("eac,eac->ea", normal, normal) > LEVEL
-    held_u = np.abs(state.u[contact.nodes[:, :N]]).max(axis=2)
+    held = np.abs(state.u) + (0.0 if motion is None else np.abs(motion))
+    held_u = held[contact.nodes[:, :N]].max(axis=2)
     at_rest = (held_u == 0) & (contact.boundary.gap == 0)
     if (~moves & ~at_rest & (contact.slack(state.u)[:, :N] < clearance)).any():
         raise ValueError(
             f"contact={in_words(bound_data.problem.contact)}: a receipt needs an open gap where "
-            "supports hold vertices of the boundary at displacements that are not zero"
+            "supports hold vertices of the boundary at displacements that are not zero, "
+            "or are those of the reaction"
         )
     contact.boundary.gap = contact.boundary.gap - clearance * moves
     return contact.cleared(state.u)
