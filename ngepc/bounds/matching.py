@@ -119,7 +119,10 @@ class Interface:
         second = self._facets(cells, pair.second)
         n = cells.normal[first[0]]
         if np.abs(cells.normal[first] - n).max() > ALIGNED:
-            raise ValueError(f"{self._pair}: a bound needs a straight first boundary")
+            raise ValueError(
+                f"{self._pair}: a bound needs a straight first boundary; around an edge give "
+                "one pair for each side"
+            )
         facing = second[cells.normal[second] @ n < -FACING]
         tangent = np.array([-n[1], n[0]])
         places = cells.points @ tangent

@@ -96,13 +96,18 @@ class LoadWork:
     Parameters
     ----------
     traction, body_force
-        g and f, as those of a ``Problem``, constant on elements or with g affine.
+        g and f, as those of a ``Problem``, constant on elements or with g affine; at least one.
     """
 
     traction: Mapping[str, Vector] | None = None
     body_force: Vector | None = None
 
     def __post_init__(self) -> None:
+        if not self.traction and self.body_force is None:
+            raise ValueError(
+                f"traction={self.traction!r}, body_force=None: LoadWork needs one of them; the "
+                "work of the loads of the problem is goal='work'"
+            )
         if self.traction is not None:
             require_mapping(
                 "traction", self.traction, "boundary name -> force per area"

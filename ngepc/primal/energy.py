@@ -48,7 +48,9 @@ class ReducedEnergy(DiscreteBody):
     """
 
     def __init__(self, problem: Problem) -> None:
-        require_covered(problem, "primal_newton", COVERS)
+        require_covered(
+            problem, "primal_newton", COVERS, "; semismooth_newton covers it"
+        )
         super().__init__(problem)
         space = self.supports.space
         self.rules = plastic_points(problem.mesh, problem.order)

@@ -336,7 +336,7 @@ def test_other_methods_and_stopped_results():
 REFUSED = {
     "an inclined first boundary": (
         lambda: pressed(mesh=keel()),
-        "needs a straight first boundary",
+        "needs a straight first boundary; around an edge give one pair for each side",
     ),
     "tied": (
         lambda: pressed(pair=Contact("above", "below", tied=True)),

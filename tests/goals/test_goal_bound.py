@@ -460,6 +460,12 @@ def test_a_work_of_a_load_that_is_no_vector_is_refused():
         LoadWork(body_force=(lambda: 1,))
 
 
+@pytest.mark.parametrize("traction", [None, {}])
+def test_the_work_of_no_load_is_refused(traction):
+    with pytest.raises(ValueError, match="body_force=None: LoadWork needs one of them"):
+        LoadWork(traction)
+
+
 def test_friction_of_coulomb_is_refused():
     problem = Problem(
         block.mesh(0.5, (1.0, 0.7)),
