@@ -41,7 +41,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint import Adjoint, AdjointProblem, Start
 from ngepc.goals.goal_interval import GoalBound, interval_of_elements, thick_goal
-from ngepc.goals.goal_terms import GoalTerms, goal_of_result, terms_of
+from ngepc.goals.goal_terms import GoalTerms, MeanAround, goal_of_result, terms_of
 from ngepc.goals.integrand import BoundPart, Integrand
 from ngepc.goals.resultant import largest_resultant
 from ngepc.goals.sub_elements import SubElements
@@ -150,6 +150,7 @@ class GoalProblem:
         state = state_of(bound_data.discrete, result)
         bound, search = bound_and_search(bound_data, state, tangent)
         self._take(bound_data, bound, tangent, search, result.compliance)
+        self._mesh = one.problem.mesh
         if parents is not None:
             self._copied = given.problem, parents
         if given is not one:
@@ -196,6 +197,7 @@ class GoalProblem:
         self._copied: tuple[Problem, np.ndarray] | None = None
         self._cut: ExactResult | None = None
         self._thick: Problem | None = None
+        self._mesh = bound_data.problem.mesh
         self.bound_data = bound_data
         self.bound = bound
         if compliance is not None:
@@ -215,6 +217,7 @@ class GoalProblem:
     def bound_of(self, goal: object, near: float | None = None) -> GoalBound:
         """The interval of a goal; ``near`` is a guess of lambda, such as that of the last mesh."""
         bound_data = self.bound_data
+        goal = MeanAround.of(goal, self._mesh)
         terms = terms_of(goal, bound_data)
         discrete = terms.value(bound_data, self.bound.state)
         energy = self.bound.strain_energy
@@ -225,7 +228,7 @@ class GoalProblem:
         start = self._adjoints.start(terms)
         best = self._best(start, self._first(start) if near is None else near)
         found = self._interval(start, best.finite(), discrete)
-        if self._cut is not None and not hasattr(goal, "point"):
+        if self._cut is not None:
             found = replace(found, discrete=goal_of_result(goal, self._cut))
         if self._copied is not None:
             found = interval_of_elements(found, *self._copied)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from ngsolve import BND, CF, L2, VOL, CoefficientFunction, GridFunction, Integrate
+from ngsolve import BND, CF, L2, VOL, CoefficientFunction, GridFunction, Integrate, Mesh
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.data import BoundData
@@ -30,6 +30,7 @@ from ngepc.goals.roller_motion import motion_of_support
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import Vector
+from ngepc.model.elements import elements_by_shape, vertex_coordinates
 from ngepc.model.problem import Problem
 
 NAMES = ("contact_force", "work")
@@ -117,6 +118,28 @@ class LoadWork:
                 require_vector_data(f"traction[{name!r}]", force)
         if self.body_force is not None:
             require_vector_data("body_force", self.body_force)
+
+
+@dataclass(frozen=True)
+class MeanAround:
+    """The mean of one component of the displacement over the element of a mesh with a point.
+
+    Parameters
+    ----------
+    point, component
+        As of ``DisplacementAt``.
+    mesh
+        That of the result, whose elements may be cut for a bound.
+    """
+
+    point: Sequence[float]
+    component: int
+    mesh: Mesh
+
+    @classmethod
+    def of(cls, goal: object, mesh: Mesh) -> object:
+        """A goal that has a point, over the elements of this mesh; other goals as they are."""
+        return cls(goal.point, goal.component, mesh) if hasattr(goal, "point") else goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,21 +350,32 @@ def _mean_traction(goal: MeanDisplacement, problem: Problem) -> dict[str, tuple]
 
 def _displacement_at(goal: object, problem: Problem, zero: np.ndarray) -> GoalTerms:
     """The mean of a displacement over the element with a point."""
-    mesh = problem.mesh
+    mesh = getattr(goal, "mesh", problem.mesh)
     place = require_vector("point", goal.point, (problem.N,))
     component = require_component("component", goal.component, problem.N)
     if not mesh.Contains(*place):
         raise ValueError(f"point={in_words(goal.point)}: a point in the body is needed")
-    number = mesh(*place).nr
-    patch = GridFunction(L2(mesh, order=0))
-    patch.vec.FV().NumPy()[number] = 1.0
-    size = Integrate(patch, mesh, VOL)
-    patch.vec.FV().NumPy()[number] = 1 / size
+    around = cells_within(problem.mesh, mesh, mesh(*place).nr)
+    patch = GridFunction(L2(problem.mesh, order=0))
+    patch.vec.FV().NumPy()[around] = 1.0
+    size = Integrate(patch, problem.mesh, VOL)
+    patch.vec.FV().NumPy()[around] = 1 / size
     force = [CF(0.0)] * problem.N
     force[component] = patch
     load = _loaded(problem, None, CF(tuple(force)))
     note = f"The displacement is the mean over the element that contains {goal.point}."
     return GoalTerms("displacement", load, zero, None, note)
+
+
+def cells_within(mesh: Mesh, other: Mesh, number: int) -> np.ndarray:
+    """Numbers of the elements of a mesh that make up one element of another mesh."""
+    if mesh is other:
+        return np.array([number])
+    found = []
+    for numbers, vertices in elements_by_shape(mesh):
+        centres = vertex_coordinates(mesh)[vertices].mean(axis=1)
+        found.append(numbers[other(*centres.T)["nr"] == number])
+    return np.concatenate(found)
 
 
 def _reaction(goal: object, problem: Problem, zero: np.ndarray) -> GoalTerms:

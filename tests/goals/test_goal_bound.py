@@ -27,10 +27,11 @@ from ngepc import (
     solve_to,
 )
 from ngepc.bounds.of_state import bound_data_of
+from ngepc.bounds.quadrilaterals import cut_into_triangles
 from ngepc.geometries import block
 from ngepc.goals.adjoint import AdjointProblem
 from ngepc.goals.goal_bound import GoalProblem
-from ngepc.goals.goal_terms import terms_of
+from ngepc.goals.goal_terms import cells_within, terms_of
 from ngepc.goals.pieces import dots
 from ngepc.goals.sides import LawOnCells, ResultOnCells, Sides
 from ngepc.studies.bounds import bounded_example
@@ -339,6 +340,35 @@ def test_displacements_of_a_block():
         return goal_bound(fine, MeanDisplacement("contact", 1)).discrete
 
     assert mean.lower <= fine_value(problem, wanted) <= mean.upper
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_displacement_at_a_point_is_the_mean_over_the_element_of_the_mesh(dimension):
+    """Of a quadrilateral or hexahedron, though bounds cut it: u_N is linear in a pulled block."""
+    axes = ("left", "clamped") if dimension == 2 else ("left", "front", "clamped")
+    supports = {
+        side: tuple(0 if i == axis else None for i in range(dimension))
+        for axis, side in enumerate(axes)
+    }
+    pull = (*(0.0,) * (dimension - 1), 1.0)
+    mesh = block.structured_mesh(*(2,) * dimension)
+    problem = Problem(mesh, MATERIAL, None, {"contact": pull}, prescribed=supports)
+    result = semismooth_newton(problem)
+    at = (0.3,) * dimension
+    found = goal_bound(result, DisplacementAt(at, dimension - 1))
+    middle = 0.25 * result.strain(mesh(*at))[4 * (dimension - 1)]
+    assert found.lower <= middle <= found.upper
+    assert found.width < 1e-5 * middle
+    assert found.discrete == pytest.approx(middle, rel=1e-9)
+
+
+def test_cells_of_a_finer_mesh_make_up_an_element():
+    coarse = block.structured_mesh(3, 2)
+    fine = Mesh(cut_into_triangles(coarse).mesh.ngmesh.Copy())
+    fine.Refine()
+    numbers = [cells_within(fine, coarse, k) for k in range(coarse.ne)]
+    assert sorted(np.concatenate(numbers)) == list(range(fine.ne))
+    assert {len(cells) for cells in numbers} == {8}
 
 
 @pytest.mark.parametrize(("dimension", "order"), [(2, 1), (2, 2), (3, 1)])
