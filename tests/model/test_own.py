@@ -155,6 +155,27 @@ def test_each_step_has_the_data_of_its_time(made, solver):
     assert again == forces(plain.steps)
 
 
+def test_a_material_that_changes_in_place():
+    """Back stresses follow the moduli of each step, also those of a Parameter."""
+    modulus = Parameter(0.0)
+    elastic = {"lame_lambda": 1e3, "lame_mu": 1e3, "yield_stress": 1.25}
+
+    def weaker(t):
+        return Material.kinematic(**elastic, hardening=100.0 - 20.0 * t)
+
+    def history(material):
+        def changes(t):
+            modulus.Set(100.0 - 20.0 * t)
+            return {"material": material(t), "pressure": {"left": 6.0 * (-1) ** t}}
+
+        problem = problem_of(3.0, 1.0).changed(material=weaker(0))
+        steps = evolve(problem, Schedule((1, 2, 3), changes)).raise_for_status().steps
+        return [step.record.elastic_energy for step in steps]
+
+    live = Material.kinematic(**elastic, hardening=modulus)
+    assert history(lambda t: live) == pytest.approx(history(weaker), rel=1e-8)
+
+
 def test_the_motion_of_an_obstacle_by_a_parameter():
     problem = problem_of(0.0, -1e-3).changed(friction=Coulomb(0.3))
     way = Parameter(0.0)
