@@ -544,6 +544,14 @@ def test_a_wedged_block_finds_an_equilibrium(angle, simplices, monkeypatch):
     assert solved(wedged(angle, Coulomb(0.2), simplices)).iterations <= 6
 
 
+def test_other_equilibria_of_a_wedged_block_are_found():
+    """Turned blocks end in different ones, and the search had found none of the others."""
+    found = [semismooth_newton(wedged(angle, Coulomb(0.2))) for angle in (0.0, 0.4)]
+    assert {result.status for result in found} == {Status.NOT_UNIQUE}
+    one, other = (result.contact_force for result in found)
+    assert abs(one - other) > 1e-3 * one
+
+
 @pytest.mark.parametrize(
     ("cells", "law", "order"),
     [
