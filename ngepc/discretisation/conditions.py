@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 from ngsolve import H1, FESpace, GridFunction
@@ -39,6 +38,7 @@ from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
 from ngepc.model.support import FREE_NORMAL, HELD_NORMAL
 
+PROXIMAL = 1e-8  # compliance that dependent forces have against changes, over that of the nodes
 GRIP = 1e2  # stiffness of the springs that hold rollers in the tangent, relative to the node's
 
 
@@ -145,17 +145,11 @@ class ContactConditions:
     def __len__(self) -> int:
         return len(self._closed_at)
 
-    @cached_property
-    def dependent(self) -> np.ndarray:
-        """Forces at nodes that have more of them than components, boolean of shape (n,).
-
-        With friction the two rows at the edge between two faces are dependent where both stick.
-        """
-        N = self.rows.normals.shape[1]
-        each = np.where(self.rows.tied, 1, 1 + self.friction.d)
-        several = np.bincount(self.rows.nodes, each) > N
-        there = several[self.rows.nodes]
-        return np.append(there, np.repeat(there, self.friction.d))
+    def proximal(self, row_stiffness: np.ndarray) -> np.ndarray | None:
+        """Compliances (n,) that resist changes of dependent forces, None without these."""
+        if self.friction.independent:
+            return None
+        return PROXIMAL * dependent_forces(self.rows, self.friction.d) / row_stiffness
 
     def displacement(self, u: np.ndarray) -> np.ndarray:
         """R u for nodal displacements (nodes, N)."""
@@ -278,7 +272,8 @@ class ContactConditions:
             cap = rows.weights * self.given_at_rows(problem, limit)
         tangents = 0 if law is None else problem.N - 1
         coefficient = np.where(rows.tied, 0.0, coefficient)
-        return FrictionCone(cap, coefficient, rows.tied, tangents)
+        independent = not dependent_forces(rows, tangents).any()
+        return FrictionCone(cap, coefficient, rows.tied, tangents, independent)
 
     def at_vertices(self, values: np.ndarray) -> np.ndarray:
         """Sums at the vertices of values (m, ...) of the rows of all processes."""
@@ -332,6 +327,17 @@ class ContactConditions:
         """The sum of b |slip| over the rows (force times length), without slips below rounding."""
         size = np.linalg.norm(self.tangential(gaps), axis=1)
         return float(self.sum_of(self.bound(x) * np.where(size > rounding, size, 0.0)))
+
+
+def dependent_forces(rows: ContactRows, tangents: int) -> np.ndarray:
+    """Forces at nodes that have more of them than components, boolean of shape (n,).
+
+    With friction the two rows at the edge between two faces are dependent where both stick.
+    """
+    each = np.where(rows.tied, 1, 1 + tangents)
+    several = np.bincount(rows.nodes, each) > rows.normals.shape[1]
+    there = several[rows.nodes]
+    return np.append(there, np.repeat(there, tangents))
 
 
 def not_implied(tied: ContactRows, rollers: Iterable[ContactRows]) -> np.ndarray:

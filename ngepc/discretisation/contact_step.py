@@ -88,9 +88,10 @@ def with_contact(
     # small problems between bounds cost less than the response
     response = None if law.is_box else law.response
     left = TURNING if law.d > 1 else LEFT
+    proximal = conditions.proximal(here.body.row_stiffness)
     try:
         found = solve_by_secants(
-            law, product, compliance, *given, response, left, springs=proximal(here)
+            law, product, compliance, *given, response, left, springs=proximal
         )
     except np.linalg.LinAlgError:
         found = None
@@ -102,12 +103,6 @@ def with_contact(
     # the forces of the springs belong to rollers
     springs = conditions.springs(here.body.row_stiffness)
     return change, forces + springs * conditions.displacement(change)
-
-
-def proximal(here: Iterate) -> np.ndarray | None:
-    """Compliances (n,) of springs that resist changes of dependent forces, None without these."""
-    dependent = here.body.contact.dependent
-    return PROXIMAL * dependent / here.body.row_stiffness if dependent.any() else None
 
 
 def several_solutions(
@@ -188,12 +183,11 @@ def _other_forces(here: Iterate, solve: Solve, rows: np.ndarray) -> np.ndarray |
     S = conditions.compliance(solve, chosen)
     sizes = S.diagonal().copy()
     rigid = here.body.floating.compliance[chosen]
-    law = cone.of(rows)
-    springs = proximal(here)
-    if springs is not None and not law.enumerable:
-        # released like those of floating parts
+    springs = conditions.proximal(here.body.row_stiffness)
+    if springs is not None:  # released like those of floating parts
         rigid = np.hstack([rigid, np.diag(springs[chosen] ** 0.5)])
-    return law.other_forces(S, here.gaps[chosen], here.contact[chosen], sizes, rigid)
+    given = S, here.gaps[chosen], here.contact[chosen], sizes, rigid
+    return cone.of(rows).other_forces(*given)
 
 
 def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:

@@ -208,6 +208,9 @@ class FrictionCone:
     tied: np.ndarray
     """Boolean: rows that stay closed, normal forces of either sign, shape (m,)."""
     d: int  # tangents of a row, 0 without friction
+    independent: bool = (
+        True  # whether no more forces act at a node than it has components
+    )
 
     @cached_property
     def given(self) -> np.ndarray:
@@ -306,9 +309,8 @@ class FrictionCone:
 
     def of(self, rows: np.ndarray) -> FrictionCone:
         """The law of some rows."""
-        return FrictionCone(
-            self.cap[rows], self.coefficient[rows], self.tied[rows], self.d
-        )
+        law = self.cap[rows], self.coefficient[rows], self.tied[rows]
+        return FrictionCone(*law, self.d, self.independent)
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Normal (m,) and tangential parts (m, d) of forces or gaps."""
@@ -392,8 +394,11 @@ class FrictionCone:
 
     @property
     def enumerable(self) -> bool:
-        """Whether all states of the rows can be tried: Coulomb's law on few rows in the plane."""
-        by_pressure = self.d == 1 and not self.given.any()
+        """Whether all states of the rows can be tried: Coulomb's law on few rows in the plane.
+
+        States do not determine forces that depend on each other.
+        """
+        by_pressure = self.d == 1 and not self.given.any() and self.independent
         return by_pressure and can_be_enumerated(self.cap, self.tied)
 
     def equilibria(
