@@ -104,11 +104,6 @@ class LoadWork:
     body_force: Vector | None = None
 
     def __post_init__(self) -> None:
-        if not self.traction and self.body_force is None:
-            raise ValueError(
-                f"traction={self.traction!r}, body_force=None: LoadWork needs one of them; the "
-                "work of the loads of the problem is goal='work'"
-            )
         if self.traction is not None:
             require_mapping(
                 "traction", self.traction, "boundary name -> force per area"
@@ -118,6 +113,11 @@ class LoadWork:
                 require_vector_data(f"traction[{name!r}]", force)
         if self.body_force is not None:
             require_vector_data("body_force", self.body_force)
+        elif not self.traction:
+            raise ValueError(
+                f"traction={self.traction!r}, body_force=None: LoadWork needs one of them; the "
+                "work of the loads of the problem is goal='work'"
+            )
 
 
 @dataclass(frozen=True)
