@@ -35,7 +35,7 @@ from ngepc.discretisation.factors import Factors
 from ngepc.goals.goal_bound import COVERS as GOALS
 from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.goal_interval import GoalBound, half_in_percent, thick_goal
-from ngepc.goals.goal_terms import is_mean
+from ngepc.goals.goal_terms import check_goal, is_mean
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
@@ -252,6 +252,8 @@ def run_to(
     require_instance("options", options, Refinement, "Refinement(...)")
     problem = in_components(problem)
     check_carried(problem)
+    if goal is not None:
+        check_goal(goal, problem)
     if not is_of_thickness_one(problem):
         return thick_run(problem, tolerance, options, monitor, goal, hopeless)
     return refined(problem, tolerance, options, monitor, goal, hopeless)

@@ -34,14 +34,20 @@ from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.of_state import bound_and_search, bound_data_of
 from ngepc.bounds.outcome import ErrorBound
-from ngepc.bounds.rollers import result_by_nodes
+from ngepc.bounds.rollers import in_components, result_by_nodes
 from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
 from ngepc.bounds.transfer import on_matching
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint import Adjoint, AdjointProblem, Start
 from ngepc.goals.goal_interval import GoalBound, interval_of_elements, thick_goal
-from ngepc.goals.goal_terms import GoalTerms, MeanAround, goal_of_result, terms_of
+from ngepc.goals.goal_terms import (
+    GoalTerms,
+    MeanAround,
+    check_goal,
+    goal_of_result,
+    terms_of,
+)
 from ngepc.goals.integrand import BoundPart, Integrand
 from ngepc.goals.resultant import largest_resultant
 from ngepc.goals.sub_elements import SubElements
@@ -113,6 +119,7 @@ def goal_bound(result: object, goal: object) -> GoalBound:
         As ``error_bound``, and where the error bound is infinite.
     """
     require_instance("result", result, ExactResult, "a result without gamma")
+    check_goal(goal, in_components(result.problem))
     return GoalProblem(result).bound_of(goal)
 
 

@@ -262,6 +262,15 @@ def terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
     return replace(terms, lower=_terms_of(goal, bound_data.lower))
 
 
+def check_goal(goal: object, problem: Problem) -> None:
+    """TypeError, ValueError for goals that are not legal, before anything is solved."""
+    if isinstance(goal, ContactForceOn):
+        boundary_names("boundary", goal.boundary, problem.mesh)
+        return
+    touching = len(problem.contact_names) + len(problem.contact_pairs)
+    _without_facets(goal, problem, np.zeros(touching))
+
+
 def is_mean(goal: object) -> bool:
     """Whether a goal is a mean displacement: no force, no work."""
     if isinstance(goal, GoalTerms):

@@ -388,3 +388,13 @@ def test_the_last_mesh_with_a_bound_is_the_result():
     assert run.result.problem.mesh.nv == kept.nodes
     assert f"The next mesh has {lost.nodes} nodes and no bound." in run.message
     assert f"{kept.nodes} nodes" in repr(run)
+
+
+@pytest.mark.parametrize("goal", ["nonsense", 3, MeanDisplacement("nowhere", 0)])
+def test_goals_that_are_not_legal_are_refused_before_any_solve(goal, monkeypatch):
+    def solved(*arguments):
+        raise AssertionError("a solve before the goal is refused")
+
+    monkeypatch.setattr(adaptive, "solved", solved)
+    with pytest.raises((TypeError, ValueError), match="goal=|boundary='nowhere'"):
+        solve_to(lshape_problem(lshape.paper_mesh(33)), goal=goal)
