@@ -396,5 +396,5 @@ def test_goals_that_are_not_legal_are_refused_before_any_solve(goal, monkeypatch
         raise AssertionError("a solve before the goal is refused")
 
     monkeypatch.setattr(adaptive, "solved", solved)
-    with pytest.raises((TypeError, ValueError), match="goal=|boundary='nowhere'"):
+    with pytest.raises((TypeError, ValueError), match=r"goal=|boundary='nowhere'"):
         solve_to(lshape_problem(lshape.paper_mesh(33)), goal=goal)
