@@ -59,6 +59,9 @@ SAME_ENERGY = 1e-8
 OBSERVED = 5
 """Last falls of the energy from which the following ones are predicted."""
 
+CLEARLY = 1e4
+"""Times the touching distance that u is inside an obstacle, if that is no rounding."""
+
 SLENDER = 300.0
 """Elements that are more times as long as thick are named as a cause of rounding errors."""
 
@@ -268,7 +271,7 @@ def searched(
         """d/dt of J(u + t du), friction with the bounds of the target included."""
         return internal_work(t) + rows_slope(t) - outer_work
 
-    if here.penetration > here.touching_distance:
+    if here.penetration > CLEARLY * here.touching_distance:
         return moved(1.0, contact), 1.0, 0  # the first step makes u feasible
     found = nearly_flat(slope, slope_rounding(here, change, contact))
     if found is None:

@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ngepc import Status
+from ngepc import Material, NewtonOptions, Problem, Status, semismooth_newton
+from ngepc.geometries import block
+from ngepc.local.solver import RepeatedSolver
 from ngepc.results import iteration
 from ngepc.results.iteration import end_of, newton_step
 
@@ -67,3 +69,23 @@ def test_no_numbers_end_a_run(name, wrong):
     status, message = end_of(here, None, SimpleNamespace(records=[0]), 1e-8, 10)
     assert status is Status.NONFINITE
     assert "NaN or infinite" in message
+
+
+def test_rounding_inside_an_obstacle_is_no_reason_for_a_full_step():
+    """A step from there was taken in full, where it raises the energy: a run was lost."""
+    soft = Material.metal(young=1e3, poisson=0.3, yield_stress=1.0, plastic_modulus=1.0)
+    problem = Problem(
+        block.structured_mesh(4, 4, simplices=True),
+        soft,
+        traction={"right": (20.0, 20.0)},
+        contact="contact",
+        gap=0.0,
+        order=2,
+    )
+    before = semismooth_newton(problem, options=NewtonOptions(max_iterations=5)).state
+    u = before.u.copy()
+    u[..., 1] += np.where(before.discrete.free[..., 1], 1e-11 * np.abs(u).max(), 0.0)
+    inside = before.discrete.state(u, contact=before.contact)
+    assert inside.penetration > inside.touching_distance
+    one = RepeatedSolver(NewtonOptions(max_iterations=1)).solve_from(inside)
+    assert one.history.records[1].step_length < 0.5
