@@ -104,12 +104,6 @@ class LoadWork:
     body_force: Vector | None = None
 
     def __post_init__(self) -> None:
-        empty = isinstance(self.traction, Mapping) and not self.traction
-        if self.body_force is None and (self.traction is None or empty):
-            raise ValueError(
-                f"traction={self.traction!r}, body_force=None: LoadWork needs one of them; the "
-                "work of the loads of the problem is goal='work'"
-            )
         if self.traction is not None:
             require_mapping(
                 "traction", self.traction, "boundary name -> force per area"
@@ -119,6 +113,11 @@ class LoadWork:
                 require_vector_data(f"traction[{name!r}]", force)
         if self.body_force is not None:
             require_vector_data("body_force", self.body_force)
+        elif not self.traction:
+            raise ValueError(
+                f"traction={self.traction!r}, body_force=None: LoadWork needs one of them; the "
+                "work of the loads of the problem is goal='work'"
+            )
 
 
 @dataclass(frozen=True)
