@@ -12,6 +12,7 @@ from ngsolve import CoefficientFunction, GridFunction, Mesh, Parameter
 
 FUNCTION = "gridfunction"
 PARAMETER = "parameterc"
+SILENT = "boundaryfromvolume"  # its text does not name what it has inside
 
 LEAVES = (GridFunction, Parameter)
 
@@ -36,7 +37,7 @@ def children(node: CoefficientFunction) -> list[CoefficientFunction]:
 
 
 def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
-    """The innermost operands, each once, if ``kind`` occurs in the text of ``value``.
+    """The innermost operands, each once, if ``value`` mentions a ``kind``.
 
     The text of a coefficient names its operands and is much cheaper than the operands.
     """
@@ -56,8 +57,9 @@ def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
 
 
 def mentions(node: CoefficientFunction, kind: str) -> bool:
-    """Whether the text of a coefficient names operands of a ``kind``."""
-    return kind in str(node).lower()
+    """Whether the text of a coefficient names operands of a ``kind``, or leaves some out."""
+    text = str(node).lower()
+    return kind in text or SILENT in text
 
 
 def hides(leaf: CoefficientFunction, kind: str) -> bool:

@@ -38,7 +38,8 @@ from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
 from ngepc.model.support import FREE_NORMAL, HELD_NORMAL
 
-PROXIMAL = 1e-8  # compliance that dependent forces have against changes, over that of the nodes
+PROXIMAL = 1e-8
+"""Compliance against changes of dependent forces, as a part of that of their nodes."""
 GRIP = 1e2  # stiffness of the springs that hold rollers in the tangent, relative to the node's
 
 

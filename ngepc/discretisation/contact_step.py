@@ -18,10 +18,6 @@ ROUNDING = 3e-14
 TURNING = 0.1
 """As ``LEFT`` where slip may turn, so that the conditions of a state are not quite linear."""
 
-PROXIMAL = (
-    1e-8  # springs of dependent forces, as a part of the compliance of their nodes
-)
-
 BESIDE = 1e-3  # distance from a kink at which the slope of friction is taken, as a part of the step
 
 EXAMINED = 600

@@ -149,10 +149,12 @@ class Schedule:
         vectors = []
         for t in (before, time):
             name = f"obstacle_motion at time {t:g}"
-            motions.append(self.obstacle_motion(t))
-            vector = require_components(name, motions[-1], dimension)
-            # the next call may give its Parameters and functions other values
+            motion = self.obstacle_motion(t)
+            vector = require_components(name, motion, dimension)
+            # the next call may change this motion, its Parameters and functions in place
             vectors.append(with_own_functions(name, vector))
+            is_one = isinstance(motion, CoefficientFunction)
+            motions.append(motion if is_one else tuple(motion))
         return None if are_same_numbers(*motions) else vectors[1] - vectors[0]
 
     def at(self, time: float) -> Changes:
@@ -181,7 +183,7 @@ def are_same_numbers(one: Motion, other: Motion) -> bool:
     """Whether two vectors, of legal components, are the same numbers."""
     if isinstance(one, CoefficientFunction) or isinstance(other, CoefficientFunction):
         return False
-    return all(map(is_number, (*one, *other))) and tuple(one) == tuple(other)
+    return all(map(is_number, (*one, *other))) and one == other
 
 
 def numbers_in(name: str, values: object) -> tuple[float, ...]:

@@ -264,10 +264,25 @@ def terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
 def check_goal(goal: object, problem: Problem) -> None:
     """TypeError, ValueError for goals that are not legal, before anything is solved."""
     if isinstance(goal, ContactForceOn):
-        boundary_names("boundary", goal.boundary, problem.mesh)
+        names = boundary_names("boundary", goal.boundary, problem.mesh)
+        _require_contact(goal, not touching_names(problem).isdisjoint(names))
         return
     touching = len(problem.contact_names) + len(problem.contact_pairs)
     _without_facets(goal, problem, np.zeros(touching))
+
+
+def touching_names(problem: Problem) -> set[str]:
+    """Names of the boundaries where obstacles are, and of those of pairs."""
+    names = set(problem.contact_names)
+    for pair in problem.contact_pairs:
+        names.update(pair.first.split("|"), pair.second.split("|"))
+    return names
+
+
+def _require_contact(goal: ContactForceOn, is_there: bool) -> None:
+    """ValueError for a boundary without contact."""
+    if not is_there:
+        raise ValueError(f"boundary={goal.boundary!r}: a contact boundary is needed")
 
 
 def is_mean(goal: object) -> bool:
@@ -292,8 +307,7 @@ def _terms_of(goal: object, bound_data: BoundData) -> GoalTerms:
         return terms
     names = boundary_names("boundary", goal.boundary, problem.mesh)
     on = bound_data.boundary.contact_of(names).astype(float)
-    if not on.any():
-        raise ValueError(f"boundary={goal.boundary!r}: a contact boundary is needed")
+    _require_contact(goal, on.any())
     return GoalTerms(f"contact force on {goal.boundary}", None, on, None)
 
 

@@ -92,6 +92,7 @@ def write_receipt(
     result
         A result of ``semismooth_newton`` without gamma, converged or not: the file proves an
         interval of the least energy.  Or an interval of ``goal_bound``: the file proves that, too.
+        Of ``solved = solve_to(...)`` these are ``solved.result`` and ``solved.goal``.
     path
         The file, which ends in .npz.
 
@@ -114,7 +115,10 @@ def write_receipt(
         As ``error_bound``.
     """
     if not isinstance(result, GoalBound):
-        what = "a result without gamma, or an interval of goal_bound,"
+        what = (
+            "a result without gamma (of solve_to: solved.result) "
+            "or an interval of goal_bound (solved.goal)"
+        )
         require_instance("result", result, ExactResult, what)
     path = require_path("path", path, ".npz")
     goal = result if isinstance(result, GoalBound) else None

@@ -208,9 +208,8 @@ class FrictionCone:
     tied: np.ndarray
     """Boolean: rows that stay closed, normal forces of either sign, shape (m,)."""
     d: int  # tangents of a row, 0 without friction
-    independent: bool = (
-        True  # whether no more forces act at a node than it has components
-    )
+    independent: bool = True
+    """Whether no more forces act at a node than it has components."""
 
     @cached_property
     def given(self) -> np.ndarray:

@@ -9,6 +9,7 @@ import pytest
 from ngsolve import CF, L2, GridFunction, Integrate, Mesh, VectorValued, x, y
 
 from ngepc import (
+    ContactForceOn,
     Material,
     MeanDisplacement,
     Problem,
@@ -17,6 +18,7 @@ from ngepc import (
     lshape_problem,
     semismooth_newton,
     verdict,
+    write_receipt,
 )
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.simplices import marked
@@ -390,11 +392,19 @@ def test_the_last_mesh_with_a_bound_is_the_result():
     assert f"{kept.nodes} nodes" in repr(run)
 
 
-@pytest.mark.parametrize("goal", ["nonsense", 3, MeanDisplacement("nowhere", 0)])
+@pytest.mark.parametrize(
+    "goal", ["nonsense", 3, MeanDisplacement("nowhere", 0), ContactForceOn("clamped")]
+)
 def test_goals_that_are_not_legal_are_refused_before_any_solve(goal, monkeypatch):
     def solved(*arguments):
         raise AssertionError("a solve before the goal is refused")
 
     monkeypatch.setattr(adaptive, "solved", solved)
-    with pytest.raises((TypeError, ValueError), match=r"goal=|boundary='nowhere'"):
+    with pytest.raises((TypeError, ValueError), match=r"goal=|boundary='"):
         solve_to(lshape_problem(lshape.paper_mesh(33)), goal=goal)
+
+
+def test_a_receipt_of_a_bounded_result_is_that_of_its_parts(tmp_path):
+    solved = solve_to(lshape_problem(lshape.paper_mesh(33)), 0.9)
+    with pytest.raises(TypeError, match=r"solved\.result.*solved\.goal"):
+        write_receipt(solved, tmp_path / "receipt.npz")

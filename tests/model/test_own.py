@@ -6,7 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import STEEL
-from ngsolve import H1, GridFunction, Integrate, Parameter, VectorH1, x
+from ngsolve import (
+    H1,
+    BoundaryFromVolumeCF,
+    GridFunction,
+    Integrate,
+    Parameter,
+    VectorH1,
+    x,
+)
 
 from ngepc import (
     Coulomb,
@@ -130,6 +138,18 @@ def as_function(problem):
     return problem.changed(gap=worn - 1e-3), lambda t: {}, wear
 
 
+def as_hidden_function(problem):
+    """The gap has values of a function inside the body, which its text does not name."""
+    sunk = GridFunction(H1(problem.mesh, order=1))
+    gap = BoundaryFromVolumeCF(sunk)
+
+    def changes(t):
+        sunk.Set(-1e-3 * t)
+        return {"gap": gap}
+
+    return problem, changes, None
+
+
 def as_mapping(problem):
     """One dictionary for all steps, with other numbers in each."""
     gaps = {"contact": 0.0}
@@ -142,7 +162,9 @@ def as_mapping(problem):
 
 
 @pytest.mark.parametrize("solver", [None, primal_newton])
-@pytest.mark.parametrize("made", [as_parameter, as_function, as_mapping])
+@pytest.mark.parametrize(
+    "made", [as_parameter, as_function, as_hidden_function, as_mapping]
+)
 def test_each_step_has_the_data_of_its_time(made, solver):
     """Data that change in place are as they are when the step is solved."""
     problem = problem_of(3.0, 0.0)
@@ -176,8 +198,7 @@ def test_a_material_that_changes_in_place():
     assert history(lambda t: live) == pytest.approx(history(weaker), rel=1e-8)
 
 
-def test_the_motion_of_an_obstacle_by_a_parameter():
-    problem = problem_of(0.0, -1e-3).changed(friction=Coulomb(0.3))
+def by_a_parameter():
     way = Parameter(0.0)
     motion = (way, 0.0)
 
@@ -185,11 +206,28 @@ def test_the_motion_of_an_obstacle_by_a_parameter():
         way.Set(1e-3 * t)
         return motion
 
+    return moved
+
+
+def by_an_array():
+    motion = np.zeros(2)
+
+    def moved(t):
+        motion[0] = 1e-3 * t
+        return motion
+
+    return moved
+
+
+@pytest.mark.parametrize("made", [by_a_parameter, by_an_array])
+def test_a_motion_of_an_obstacle_that_changes_in_place(made):
+    problem = problem_of(0.0, -1e-3).changed(friction=Coulomb(0.3))
+
     def slid(motion):
         schedule = Schedule((1.0, 2.0), lambda t: {}, obstacle_motion=motion)
         return evolve(problem, schedule).steps[-1].record.contact_resultant
 
-    assert slid(moved) == pytest.approx(slid(lambda t: (1e-3 * t, 0.0)), rel=1e-9)
+    assert slid(made()) == pytest.approx(slid(lambda t: (1e-3 * t, 0.0)), rel=1e-9)
 
 
 def test_a_repeated_solver_sees_what_changed_in_place():
