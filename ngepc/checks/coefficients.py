@@ -37,7 +37,7 @@ def children(node: CoefficientFunction) -> list[CoefficientFunction]:
 
 
 def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
-    """The innermost operands, each once, if ``value`` mentions a ``kind``.
+    """The innermost operands, each once, of those that mention a ``kind``.
 
     The text of a coefficient names its operands and is much cheaper than the operands.
     """
@@ -51,7 +51,7 @@ def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
             continue
         met[id(node)] = node  # kept, so that no other one gets its id
         parts = children(node)
-        waiting += parts
+        waiting += [part for part in parts if mentions(part, kind)]
         if not parts:
             yield node
 
