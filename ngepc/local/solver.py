@@ -221,7 +221,8 @@ class RepeatedSolver:
         result = run(state, target=target, second=second)
         again = _start_again(state, result)
         if again is not None:
-            result = run(again, target=target if iterative else None)
+            more = run(again, target=target if iterative else None)
+            result = _joined(result, more) if again is result.state else more
         if result.status in UNSOLVED and discrete.loosely_held:
             result = self._from_contact(discrete, run)
         gave_up = iterative and result.status is Status.NONFINITE
@@ -269,6 +270,11 @@ def _start_again(start: State, result: ExactResult) -> State | None:
     if coulomb and result.status is Status.LINESEARCH_FAILED:
         return result.state
     return None
+
+
+def _joined(first: ExactResult, more: ExactResult) -> ExactResult:
+    """The second result with the steps of both, where it goes on from the first one."""
+    return replace(more, history=first.history.followed_by(more.history))
 
 
 @one_blas_thread

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, TypeVar
 
@@ -116,6 +116,12 @@ class History:
     def halvings(self) -> int:
         """Halvings of the step length in the whole run."""
         return sum(self.column("halvings"))
+
+    def followed_by(self, later: History) -> History:
+        """The records of both, where a later run begins with the last iterate."""
+        done = len(self.records) - 1
+        more = [replace(r, iteration=r.iteration + done) for r in later.records[1:]]
+        return History([*self.records, *more])
 
     def as_rows(self) -> list[dict]:
         """The numbers of the records by their names, for tables and files."""

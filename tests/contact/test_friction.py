@@ -544,6 +544,19 @@ def test_a_wedged_block_finds_an_equilibrium(angle, simplices, monkeypatch):
     assert solved(wedged(angle, Coulomb(0.2), simplices)).iterations <= 6
 
 
+def test_steps_of_a_run_that_is_made_once_more_are_counted(monkeypatch):
+    """Where no step length lowers the energy, a run goes on from there with new compliances."""
+    monkeypatch.setattr(iteration, "several_solutions", lambda *_: (False, ""))
+    for angle in (1.27, 3.3, 4.83):
+        seen = []
+        problem = wedged(angle, Coulomb(0.2), simplices=True)
+        history = solved(problem, monitor=seen.append).history
+        starts = sum(record.iteration == 0 for record in seen)
+        assert [r.iteration for r in history.records] == list(
+            range(len(seen) - starts + 1)
+        )
+
+
 def test_other_equilibria_of_a_wedged_block_are_found():
     """Turned blocks end in different ones, and the search had found none of the others."""
     found = [semismooth_newton(wedged(angle, Coulomb(0.2))) for angle in (0.0, 0.4)]
