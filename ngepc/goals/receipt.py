@@ -9,6 +9,7 @@ on which the stress of the error bound is a polynomial.
 from __future__ import annotations
 
 import json
+import warnings
 from copy import copy
 from pathlib import Path
 
@@ -71,6 +72,12 @@ WIDER = 1e-12
 """Fraction of the intervals by which claims are widened, for rounding on other machines."""
 BISECTIONS = 6
 """No cell is bisected more often, but for its neighbours."""
+FAR_WIDER = 3.0
+"""Width of an interval of a receipt, over that of the goal, from which on a warning says so."""
+VISIBLE = 0.01
+"""... if it is wider than this part of its ends."""
+MOST_CELLS = 100_000
+"""Files with more cells are not bisected further: rounding errors of all cells add up."""
 LOSS = 0.07
 """Part of the error bound that the checker may lose on cells that are not bisected."""
 _CENTRE = {
@@ -99,7 +106,8 @@ def write_receipt(
     Returns
     -------
     lower, upper
-        An interval that contains the least energy of the continuous problem, or the goal.
+        An interval that contains the least energy of the continuous problem, or the goal.  A
+        warning says where rounding makes it far wider than that of ``goal_bound``.
 
     Raises
     ------
@@ -138,8 +146,25 @@ def write_receipt(
     words, header = words_of(bound_data, bound, goal)
     header |= widened(proved_intervals(words, header))
     np.savez(path, header=json.dumps(header), receipt=words)
-    name = "" if goal is None else "goal "
-    return header[name + "lower"], header[name + "upper"]
+    if goal is None:
+        return header["lower"], header["upper"]
+    proved = header["goal lower"], header["goal upper"]
+    warn_if_wide(goal.interval, proved)
+    return proved
+
+
+def warn_if_wide(interval: tuple[float, float], proved: tuple[float, float]) -> None:
+    """Warn where rounding makes the interval of a receipt far wider than that of the goal."""
+    width = proved[1] - proved[0]
+    seen = width > VISIBLE * max(map(abs, proved))
+    if seen and width > FAR_WIDER * (interval[1] - interval[0]):
+        warnings.warn(
+            f"the receipt proves {in_words(proved)}, the interval of the goal is "
+            f"{in_words(interval)}: rounding errors of small cells rule it, as the goal is small "
+            "beside the loads; a coarser mesh has fewer of them",
+            UserWarning,
+            stacklevel=3,
+        )
 
 
 def widened(proved: dict[str, float]) -> dict[str, float]:
@@ -173,7 +198,7 @@ def words_of(
         words = in_file_order(file.cells, [receipt_arrays(file, bound, u)], header)
         body = check_receipt.Body(words, header)
         marked = lossy(body, LOSS * bound.total)
-        if not marked.any():
+        if body.K > MOST_CELLS or not marked.any():
             break
         pieces.bisect(marked)
     file = FileOf(bound_data, pieces)

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -803,3 +804,13 @@ def test_a_receipt_ends_in_npz(tmp_path):
     result = semismooth_newton(CASES["pulled"](1))
     with pytest.raises(ValueError, match="npz"):
         write_receipt(result, tmp_path / "receipt.txt")
+
+
+def test_a_receipt_that_rounding_rules_says_so():
+    """Three times as wide as the interval of the goal, and more than a hundredth of its ends."""
+    with pytest.warns(UserWarning, match="rounding errors of small cells"):
+        receipt.warn_if_wide((3.86, 4.25), (-3.7, 11.8))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        receipt.warn_if_wide((3.86, 4.25), (3.8, 4.3))
+        receipt.warn_if_wide((2.0, 2.0), (2.0 - 1e-6, 2.0 + 1e-6))
