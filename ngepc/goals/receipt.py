@@ -163,7 +163,7 @@ def warn_if_wide(interval: tuple[float, float], proved: tuple[float, float]) -> 
             f"{in_words(interval)}: rounding errors of small cells rule it, as the goal is small "
             "beside the loads; a coarser mesh has fewer of them",
             UserWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
