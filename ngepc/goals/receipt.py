@@ -149,7 +149,7 @@ def write_receipt(
     if goal is None:
         return header["lower"], header["upper"]
     proved = header["goal lower"], header["goal upper"]
-    warn_if_wide(goal.interval, proved)
+    warn_if_wide(goal.proved, proved)
     return proved
 
 

@@ -331,7 +331,7 @@ def test_the_algebraic_part_is_what_clearing_the_obstacle_costs(result, bound):
 def test_energies_of_meshes_do_not_cross(bound):
     """A lower bound from a coarse mesh is below the energy on every fine one."""
     # errors fall slowly at the corner between two rollers that are not at right angles
-    bisections = 2 if bound.problem.prescribed is OBLIQUE else 1
+    bisections = 2 if bound.problem.prescribed == OBLIQUE else 1
     fine = error_bound(semismooth_newton(finer(bound.problem, bisections)))
     assert bound.least_energy < fine.energy
     assert fine.least_energy < fine.energy < bound.energy

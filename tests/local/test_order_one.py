@@ -27,7 +27,7 @@ def solves(history):
 
 @pytest.mark.parametrize("law", ["Hill", "plane stress"])
 def test_fewer_steps_to_the_same_solution(law):
-    problem = problem_with(law, 417, 1e-3)
+    problem = problem_with(law, 833, 1e-3)
     cold = semismooth_newton(problem, start=at_rest(problem)).raise_for_status()
     result = semismooth_newton(problem).raise_for_status()
     assert cold.order_one is None

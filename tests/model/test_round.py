@@ -151,5 +151,5 @@ def test_a_small_shift_changes_little_of_what_is_said(body):
 def test_a_verdict_says_what_its_interval_lacks():
     loads = {"springs": {"rim": (1.0, 1.0)}, "body_force": (1.0, 0)}
     problem = Problem(disc(0.5), METAL, None, **loads)
-    found = verdict(problem, LoadWork(), at_most=100.0)
+    found = verdict(problem, LoadWork(body_force=(1.0, 0.0)), at_most=100.0)
     assert round_note(problem) in str(found)

@@ -123,14 +123,6 @@ def test_thickness_multiplies_forces_and_energies(change):
         sheet(**load, thickness=0)
 
 
-def test_a_step_of_another_thickness():
-    """A sheet that becomes thicker carries the same stress with a larger force."""
-    steps = [(1.0, {"thickness": 1.0}), (2.0, {"thickness": 3.0})]
-    history = evolve(sheet(traction={"right": (0.5, 0.0)}), steps)
-    pulled = history.reactions("left")[:, 0]
-    assert pulled == pytest.approx([-0.5, -1.5], rel=1e-9)
-
-
 def quarter_ring(n, material, pressure, **data):
     """A quarter of a ring under inner pressure, of curved quadrilaterals."""
     mesh = material_problems.quarter_ring(n)
