@@ -524,6 +524,7 @@ class Pause:
     """
 
     def __init__(self, small: float) -> None:
+        self.paused = False  # an interrupt stops Newton's method, too
         self._small = small
         self._before: IterationRecord | None = None
 
@@ -535,6 +536,7 @@ class Pause:
             return
         remains = record.residual_norm / before.residual_norm
         if abs(before.energy - record.energy) * remains**2 < self._small:
+            self.paused = True
             raise StopIteration
 
 
@@ -578,7 +580,7 @@ def solved(
         held = state_by_nodes(result.state, bound_data.discrete)
         bound, search = bound_and_search(bound_data, held, nodal)
         tools = Tools(bound_data, nodal, search, compliance if alike else None)
-        if result.status != Status.STOPPED:
+        if not pause.paused:
             return result, bound, steps, tools
         # Newton steps do not reduce the cost of clearing the obstacle between the nodes
         left = bound.algebraic - (bound.state.energy - result.primal_energy)

@@ -408,3 +408,18 @@ def test_a_receipt_of_a_bounded_result_is_that_of_its_parts(tmp_path):
     solved = solve_to(lshape_problem(lshape.paper_mesh(33)), 0.9)
     with pytest.raises(TypeError, match=r"solved\.result.*solved\.goal"):
         write_receipt(solved, tmp_path / "receipt.npz")
+
+
+def test_an_interrupt_of_newtons_method_ends_the_run(monkeypatch):
+    """Ctrl-C on the second mesh is no pause."""
+
+    class Interrupted(adaptive.Pause):
+        def __call__(self, record):
+            if self._small > 0 and record.iteration > 0:
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr(adaptive, "Pause", Interrupted)
+    run = solve_to(lshape_problem(lshape.paper_mesh(33)), 1e-3)
+    assert len(run.records) == 2
+    assert not run.reached
+    assert "1 step" in run.message
