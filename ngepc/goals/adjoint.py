@@ -24,6 +24,7 @@ from ngepc.bounds.data import (
     without_weak_springs,
 )
 from ngepc.bounds.held import RigidWorks, limited_pressure
+from ngepc.discretisation.conditions import dependent_forces
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint_conditions import ROUNDING, AdjointConditions
 from ngepc.goals.goal_terms import GoalTerms
@@ -250,13 +251,18 @@ class AdjointProblem(AdjointConditions):
 
     @cached_property
     def presses(self) -> np.ndarray:
-        """Active contact rows, and with friction those that stick, as booleans."""
+        """Active contact rows, and with friction those that stick, as booleans.
+
+        Of nodes with more rows than components, such as corners, the normal ones alone.
+        """
         multipliers = self.state.multipliers
         active = multipliers > TOUCHES * max(multipliers.max(initial=0.0), 1e-300)
         conditions = self.bound_data.discrete.contact
         bound = conditions.bound(self.state.contact)
         sticks = (bound > 0) & ~self.state.sliding
-        return np.append(active, np.repeat(sticks, conditions.friction.d))
+        d = conditions.friction.d
+        dependent = dependent_forces(conditions.rows, d)[self._normals :]
+        return np.append(active, np.repeat(sticks, d) & ~dependent)
 
     def _most(self, factor: float) -> np.ndarray:
         """The largest forces of the rows of an adjoint, for lambda."""

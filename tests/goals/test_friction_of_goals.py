@@ -9,6 +9,7 @@ from campaigns.intervals import value_of
 from ngsolve import x
 
 from ngepc import (
+    ContactForceOn,
     Material,
     MeanDisplacement,
     Problem,
@@ -87,6 +88,35 @@ def test_sticking_is_a_support():
     other = goal_bound(semismooth_newton(held), "work")
     assert max(one.lower, other.lower) <= min(one.upper, other.upper)
     assert one.width < 2 * other.width
+
+
+def cornered(friction, order):
+    """A block on springs is pushed into a corner of two walls."""
+    return Problem(
+        block.structured_mesh(3, 3, simplices=True),
+        MATERIAL,
+        None,
+        springs={"right": (1e3, 1e3)},
+        body_force=(-1.0, -2.0),
+        contact=("left", "clamped"),
+        gap=0.0,
+        friction=friction,
+        order=order,
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("friction", [0.01, 0.5])
+def test_friction_of_walls_that_meet(friction, order):
+    """Four rows at two components: matrices were singular, or upper ends above 1e5."""
+    result = semismooth_newton(cornered(friction, order))
+    fine = semismooth_newton(finer(replace(result.problem, order=2), order))
+    goals = GoalProblem(result)
+    for goal in ("contact_force", ContactForceOn("left"), MeanDisplacement("right", 1)):
+        found = goals.bound_of(goal)
+        value = value_of(fine, goal)
+        assert found.lower <= value <= found.upper
+        assert found.width < 1.2 * abs(value)
 
 
 def test_without_bound_friction_is_none():
