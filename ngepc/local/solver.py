@@ -219,10 +219,11 @@ class RepeatedSolver:
             monitor=monitor,
         )
         result = run(state, target=target, second=second)
-        again = _start_again(state, result)
-        if again is not None:
-            more = run(again, target=target if iterative else None)
-            result = _joined(result, more) if again is result.state else more
+        if misled_by_forces(state, result):
+            result = run(discrete.state(state.u), target=target if iterative else None)
+        elif misled_by_compliances(result):
+            again = {"target": target if iterative else None, "history": result.history}
+            result = run(result.state, **again)
         if result.status in UNSOLVED and discrete.loosely_held:
             result = self._from_contact(discrete, run)
         gave_up = iterative and result.status is Status.NONFINITE
@@ -256,25 +257,17 @@ class RepeatedSolver:
         return replace(result, ending=said)
 
 
-def _start_again(start: State, result: ExactResult) -> State | None:
-    """The state from which a run that failed is made once more, None if it is not.
-
-    Forces of another problem may lead nowhere under friction: without them.  Under Coulomb's law a
-    new compliance of the rows may lead to other forces, from where the run failed.
-    """
-    discrete = start.discrete
-    failed = result.status is Status.NONFINITE
-    if failed and discrete.problem.processes.any(start.contact != 0):
-        return discrete.state(start.u)
-    coulomb = not discrete.contact.friction.is_convex
-    if coulomb and result.status is Status.LINESEARCH_FAILED:
-        return result.state
-    return None
+def misled_by_forces(start: State, result: ExactResult) -> bool:
+    """Whether forces of another problem may have led nowhere, under friction: once more without."""
+    if result.status is not Status.NONFINITE:
+        return False
+    return start.discrete.problem.processes.any(start.contact != 0)
 
 
-def _joined(first: ExactResult, more: ExactResult) -> ExactResult:
-    """The second result with the steps of both, where it goes on from the first one."""
-    return replace(more, history=first.history.followed_by(more.history))
+def misled_by_compliances(result: ExactResult) -> bool:
+    """Whether new compliances of the rows may lead to other forces, from where a run failed."""
+    coulomb = not result.discrete.contact.friction.is_convex
+    return coulomb and result.status is Status.LINESEARCH_FAILED
 
 
 @one_blas_thread

@@ -120,41 +120,42 @@ def newton_iteration(
     max_iterations: int,
     monitor: Monitor | None = None,
     target: Target | None = None,
+    *,
     second: Callable[[Any], Iterate] | None = None,
+    history: History | None = None,
 ) -> Any:
     """Newton steps from a state until its residual is within the tolerance or something stops them.
 
     The monitor gets the record of each iterate and may raise StopIteration; ``target`` is exact by
-    default; ``second`` may replace the iterate after the first step.  What is returned is
-    ``result`` of the last state, whatever its status says.
+    default; ``second`` may replace the iterate after the first step.  With ``history``, whose last
+    record is that of the state, a run goes on.  What is returned is ``result`` of the last state,
+    whatever its status says.
     """
-    history = History()
-    before = None
-    length = 1.0
-    trials = 0
-    status = None
-    message = ""
+    history = History(list(history.records) if history else [])
     target = target or ExactTarget(state.body)
+
+    def seen(length: float, trials: int) -> tuple[Status | None, str]:
+        """Record and show the state that a step has led to; whether and how the run ends there."""
+        record = record_of(state, tangent, len(history.records), length, trials)
+        history.records.append(record)
+        log.info(LINE, vars(record))
+        if monitor is not None:
+            snapshot = partial(result, state, Status.STOPPED)
+            show_iterate(monitor, history, snapshot, state)
+        return end_of(state, history, tolerance, max_iterations)
+
     try:
+        status, message = (None, "") if history.records else seen(1.0, 0)
         while status is None:
-            record = record_of(state, tangent, len(history.records), length, trials)
-            history.records.append(record)
-            log.info(LINE, vars(record))
-            if monitor is not None:
-                snapshot = partial(result, state, Status.STOPPED)
-                show_iterate(monitor, history, snapshot, state)
-            status, message = end_of(state, before, history, tolerance, max_iterations)
-            if status is None:
-                following = newton_step(state, tangent, target, before, tolerance)
-                before = state.residual_norm
-                if following is None:
-                    within = is_within(state, tolerance)
-                    status, message = no_descent(state, within, falls(history))
-                else:
-                    state, length, trials = following
-                    state = replaced(state, history, second)
-            if status is Status.CONVERGED and state.body.contact.friction.d:
-                status, message = uniqueness(state.with_radial_return(), tangent)
+            step = newton_step(state, tangent, target, history.before, tolerance)
+            if step is None:
+                status, message = no_descent(state, history, tolerance)
+            else:
+                state, length, trials = step
+                state = replaced(state, history, second)
+                status, message = seen(length, trials)
+        if status is Status.CONVERGED and state.body.contact.friction.d:
+            status, message = uniqueness(state.with_radial_return(), tangent)
     except FactorisationError as error:
         status = Status.NONFINITE
         message = f"{error}."
@@ -311,14 +312,11 @@ def uniqueness(here: Iterate, tangent: Any) -> tuple[Status, str]:
 
 
 def end_of(
-    here: Iterate,
-    before: float | None,
-    history: History,
-    tolerance: float,
-    max_iterations: int,
+    here: Iterate, history: History, tolerance: float, max_iterations: int
 ) -> tuple[Status | None, str]:
     """The status and message if the run ends at a state; a status of None to go on."""
     steps = len(history.records) - 1
+    before = history.before
     residual = here.residual_norm
     if not np.isfinite(residual + here.energy):
         return Status.NONFINITE, "The energy or the residual is NaN or infinite."
@@ -392,12 +390,10 @@ def keeps_falling(history: History, max_iterations: int) -> bool:
     return bool(fallen[-1] * ratio**left > least_fall(history))
 
 
-def no_descent(here: Iterate, within: bool, falling: bool) -> tuple[Status, str]:
-    """The status and message where no step length lowers the energy.
-
-    ``within``: the residual is small enough; ``falling``: the last step has lowered the energy.
-    """
-    if within and not falling:
+def no_descent(here: Iterate, history: History, tolerance: float) -> tuple[Status, str]:
+    """The status and message where no step length lowers the energy."""
+    within = is_within(here, tolerance)
+    if within and not falls(history):
         return Status.CONVERGED, ""
     if within or here.residual_norm <= here.rounding:
         return Status.STAGNATED, limited_by_rounding(here, "The", within)

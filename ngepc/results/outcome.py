@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, TypeVar
 
@@ -117,11 +117,10 @@ class History:
         """Halvings of the step length in the whole run."""
         return sum(self.column("halvings"))
 
-    def followed_by(self, later: History) -> History:
-        """The records of both, where a later run begins with the last iterate."""
-        done = len(self.records) - 1
-        more = [replace(r, iteration=r.iteration + done) for r in later.records[1:]]
-        return History([*self.records, *more])
+    @property
+    def before(self) -> float | None:
+        """The residual norm of the last iterate but one; None at the first one."""
+        return self.records[-2].residual_norm if len(self.records) > 1 else None
 
     def as_rows(self) -> list[dict]:
         """The numbers of the records by their names, for tables and files."""

@@ -10,6 +10,7 @@ from ngepc.geometries import block
 from ngepc.local.solver import RepeatedSolver
 from ngepc.results import iteration
 from ngepc.results.iteration import end_of, newton_step
+from ngepc.results.outcome import History
 
 
 class FixedTarget:
@@ -66,7 +67,7 @@ def test_a_step_that_does_not_lower_the_energy_is_repeated_with_a_closer_one(
 def test_no_numbers_end_a_run(name, wrong):
     here = SimpleNamespace(residual_norm=1.0, energy=1.0)
     setattr(here, name, wrong)
-    status, message = end_of(here, None, SimpleNamespace(records=[0]), 1e-8, 10)
+    status, message = end_of(here, History([None]), 1e-8, 10)
     assert status is Status.NONFINITE
     assert "NaN or infinite" in message
 
