@@ -34,9 +34,9 @@ from ngepc.goals.brackets import contact_force_bracket as contact_force_bracket
 from ngepc.goals.brackets import displacement_bracket as displacement_bracket
 from ngepc.goals.goal_bound import goal_bound as goal_bound
 from ngepc.goals.goal_interval import GoalBound as GoalBound
-from ngepc.goals.goal_terms import ContactForceOn as ContactForceOn
-from ngepc.goals.goal_terms import LoadWork as LoadWork
-from ngepc.goals.goal_terms import MeanDisplacement as MeanDisplacement
+from ngepc.goals.kinds import ContactForceOn as ContactForceOn
+from ngepc.goals.kinds import LoadWork as LoadWork
+from ngepc.goals.kinds import MeanDisplacement as MeanDisplacement
 from ngepc.goals.receipt import write_receipt as write_receipt
 from ngepc.goals.verdicts import Verdict as Verdict
 from ngepc.goals.verdicts import confidence as confidence

@@ -35,7 +35,8 @@ from ngepc.discretisation.factors import Factors
 from ngepc.goals.goal_bound import COVERS as GOALS
 from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.goal_interval import GoalBound, half_in_percent, thick_goal
-from ngepc.goals.goal_terms import check_goal, is_mean
+from ngepc.goals.goal_terms import check_goal
+from ngepc.goals.kinds import as_goal
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
@@ -313,7 +314,8 @@ def thick_run(
 ) -> BoundedResult:
     """The same for a body of another thickness than one, from that of thickness one."""
     t = problem.kinematics.thickness
-    size = 1.0 if is_mean(goal) else t
+    is_mean = goal is not None and as_goal(goal).form(problem).is_mean
+    size = 1.0 if is_mean else t
     records: list[MeshRecord] = []
 
     def thick(record: MeshRecord) -> None:

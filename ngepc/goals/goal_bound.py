@@ -41,14 +41,9 @@ from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint import Adjoint, AdjointProblem, Start
 from ngepc.goals.goal_interval import GoalBound, interval_of_elements, thick_goal
-from ngepc.goals.goal_terms import (
-    GoalTerms,
-    MeanAround,
-    check_goal,
-    goal_of_result,
-    terms_of,
-)
+from ngepc.goals.goal_terms import GoalTerms, check_goal, goal_of_result, terms_of
 from ngepc.goals.integrand import BoundPart, Integrand
+from ngepc.goals.kinds import as_goal, over_elements_of
 from ngepc.goals.resultant import largest_resultant
 from ngepc.goals.sub_elements import SubElements
 from ngepc.linalg.blas import one_blas_thread
@@ -224,7 +219,7 @@ class GoalProblem:
     def bound_of(self, goal: object, near: float | None = None) -> GoalBound:
         """The interval of a goal; ``near`` is a guess of lambda, such as that of the last mesh."""
         bound_data = self.bound_data
-        goal = MeanAround.of(goal, self._mesh)
+        goal = over_elements_of(self._mesh, as_goal(goal))
         terms = terms_of(goal, bound_data)
         discrete = terms.value(bound_data, self.bound.state)
         energy = self.bound.strain_energy

@@ -14,11 +14,11 @@ import numpy as np
 from ngsolve.comp import SumOfIntegrals
 
 from ngepc.checks.arguments import require_component, require_vector
-from ngepc.checks.declared import Component, Declared, Text, Vector
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.loads import nodal, support_motion
+from ngepc.goals.kinds import PointDisplacement, SupportReaction
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.equations import Data
@@ -121,7 +121,7 @@ NAMES = {function.__name__.lstrip("_"): function for function in _NAMED}
 
 
 @dataclass(frozen=True)
-class DisplacementAt(Declared):
+class DisplacementAt(PointDisplacement):
     """One component of the displacement at a point (length).
 
     Parameters
@@ -131,9 +131,6 @@ class DisplacementAt(Declared):
     component
         0, 1 or 2.
     """
-
-    point: Vector
-    component: Component
 
     def slope(self, state: State) -> Slope:
         """Value and derivatives at a state; ValueError if the point is not in the body."""
@@ -152,7 +149,7 @@ class DisplacementAt(Declared):
 
 
 @dataclass(frozen=True)
-class Reaction(Declared):
+class Reaction(SupportReaction):
     """One component of the force of a support on the body (force).
 
     Parameters
@@ -163,9 +160,6 @@ class Reaction(Declared):
     component
         0, 1 or 2.
     """
-
-    support: Text
-    component: Component
 
     def slope(self, state: State) -> Slope:
         """Value and derivatives: the work of all forces in a unit motion of the support.

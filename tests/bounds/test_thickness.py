@@ -28,7 +28,7 @@ from ngepc import (
 )
 from ngepc.bounds.of_state import bound_data_of
 from ngepc.geometries import block
-from ngepc.goals.goal_terms import LEGAL
+from ngepc.goals.kinds import LEGAL
 
 T = 2.5
 BODY = replace(PLAIN, contact="contact", gap=3e-4)

@@ -31,7 +31,8 @@ from ngepc.bounds.quadrilaterals import cut_into_triangles
 from ngepc.geometries import block
 from ngepc.goals.adjoint import AdjointProblem
 from ngepc.goals.goal_bound import GoalProblem
-from ngepc.goals.goal_terms import cells_within, terms_of
+from ngepc.goals.goal_terms import terms_of
+from ngepc.goals.kinds import cells_within
 from ngepc.goals.pieces import dots
 from ngepc.goals.sides import LawOnCells, ResultOnCells, Sides
 from ngepc.studies.bounds import bounded_example

@@ -27,7 +27,7 @@ from ngepc import (
 from ngepc.geometries import block
 from ngepc.goals.adjoint import LOOSEST
 from ngepc.goals.goal_bound import GoalProblem
-from ngepc.goals.goal_terms import MEETING
+from ngepc.goals.kinds import MEETING
 from ngepc.goals.receipt import LOSS
 from ngepc.goals.roller_motion import motion_of_support, moved
 
