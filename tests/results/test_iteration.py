@@ -9,7 +9,8 @@ from ngepc import Material, NewtonOptions, Problem, Status, semismooth_newton
 from ngepc.geometries import block
 from ngepc.local.solver import RepeatedSolver
 from ngepc.results import iteration
-from ngepc.results.iteration import end_of, newton_step
+from ngepc.results.ending import end_of
+from ngepc.results.iteration import newton_step
 from ngepc.results.outcome import History
 
 

@@ -14,7 +14,7 @@ from ngepc import Material, NewtonOptions, Problem, Status, semismooth_newton
 from ngepc.geometries import block
 from ngepc.model.elements import largest_slenderness
 from ngepc.results.checkpoint import problem_fingerprint
-from ngepc.results.iteration import keeps_falling
+from ngepc.results.ending import keeps_falling
 from ngepc.results.outcome import History
 from ngepc.results.records import FIELDS, checked, provenance, solve_record
 from ngepc.results.stored import array_of, value_of
