@@ -17,7 +17,7 @@ from ngepc.dual.algorithm import DualLine, NewtonSystem
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional, DualIterate
 from ngepc.geometries import lshape
-from ngepc.local.solver import starting_state
+from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.studies.cost import elastic_solve
 from ngepc.studies.large import indented_block

@@ -31,8 +31,8 @@ from ngepc.bounds.outcome import ErrorBound
 from ngepc.checks.arguments import is_number
 from ngepc.checks.sentences import outward
 from ngepc.evolution.memory import Memory
+from ngepc.local.exact import solve_exactly
 from ngepc.local.result import ExactResult
-from ngepc.local.solver import solve_exactly
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.data import same_fields
 from ngepc.model.elements import has_straight_simplices

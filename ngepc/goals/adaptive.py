@@ -40,7 +40,7 @@ from ngepc.goals.kinds import as_goal
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
-from ngepc.local.solver import starting_state
+from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem

@@ -33,8 +33,8 @@ from ngepc.discretisation.loads import applied_forces
 from ngepc.goals.adaptive import SOLVED, TOLERANCE
 from ngepc.goals.goal_bound import goal_bound
 from ngepc.linalg.blas import one_blas_thread
+from ngepc.local.exact import solve_exactly
 from ngepc.local.result import ExactResult
-from ngepc.local.solver import solve_exactly
 from ngepc.model.data import Vector
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem

@@ -29,7 +29,7 @@ from ngepc.goals.adaptive import (
 from ngepc.goals.clock import Clock
 from ngepc.goals.goal_interval import GoalBound
 from ngepc.linalg.blas import one_blas_thread
-from ngepc.local.solver import solve_exactly
+from ngepc.local.exact import solve_exactly
 from ngepc.local.system import State
 from ngepc.model.data import DefaultOrder
 from ngepc.model.problem import Problem

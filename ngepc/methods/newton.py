@@ -10,8 +10,8 @@ from ngepc.dual.solver import solve_regularised
 from ngepc.dual.spaces import Coupled
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.cores import crew
+from ngepc.local.exact import solve_exactly
 from ngepc.local.result import ExactResult
-from ngepc.local.solver import solve_exactly
 from ngepc.model.own import own_copy
 from ngepc.model.problem import Problem
 from ngepc.results.options import NewtonOptions

@@ -19,11 +19,11 @@ from pathlib import Path
 from ngsolve import Mesh, sqrt, x, y
 
 from ngepc.geometries import block
+from ngepc.local.exact import solve_exactly
 from ngepc.local.iterative import Iterative
 from ngepc.local.petsc import PETSc
 from ngepc.local.pyamg import PyAMG
 from ngepc.local.result import ExactResult
-from ngepc.local.solver import solve_exactly
 from ngepc.model.material import Material
 from ngepc.model.parts import INSTALL, MPI, MeshPart, distribute
 from ngepc.model.problem import Problem

@@ -10,7 +10,7 @@ from ngsolve.meshes import MakeStructured2DMesh
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.points import Points
 from ngepc.local.result import ExactResult
-from ngepc.local.solver import starting_state
+from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.problem import Problem
 from ngepc.model.tensile import lame_parameters

@@ -7,7 +7,7 @@ from ngepc.discretisation import summands
 from ngepc.discretisation.summands import Summands, element_parts
 from ngepc.geometries import block
 from ngepc.linalg.cores import crew
-from ngepc.local.solver import starting_state
+from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.studies.large import pressed
 

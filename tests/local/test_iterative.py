@@ -14,6 +14,7 @@ from ngepc.geometries.block import structured_mesh
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.active_set import InexactTarget
 from ngepc.local.closed import Closed, TangentialRows
+from ngepc.local.exact import solve_exactly
 from ngepc.local.iterative import (
     FullPattern,
     Iterative,
@@ -21,7 +22,7 @@ from ngepc.local.iterative import (
     rows_in_order,
 )
 from ngepc.local.result import ExactResult
-from ngepc.local.solver import solve_exactly, starting_state
+from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.results.iteration import newton_iteration
 from ngepc.studies.large import indented_block, pressed

@@ -9,7 +9,7 @@ from ngepc import PyAMG
 from ngepc.local.closed import Closed
 from ngepc.local.iterative import FullStorage
 from ngepc.local.lower import LowerStorage
-from ngepc.local.solver import starting_state
+from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem
 from ngepc.studies.large import indented_block
 
