@@ -359,7 +359,8 @@ class SolidBoundData(BoundData):
         lower = self.lower
         tangent = Factors(lower.discrete, "sparsecholesky")
         start = lower.discrete.state(state.u[: len(self.cells.points)].copy())
-        found = newton_iteration(start, tangent, ExactResult, TOLERANCE, MOST_STEPS)
+        given = start, tangent, ExactResult, TOLERANCE, MOST_STEPS
+        found = newton_iteration(*given).or_interrupted()
         self.lower_state, _ = feasible_state(lower, found.state)
         P = lower.contact.pressure(found.state.multipliers)
         found = lower.best_stress(self.lower_state, tangent, P)

@@ -161,7 +161,7 @@ def bound_of_step(start: ExactResult, averaged: Problem | None) -> ErrorBound:
     solved = solve_exactly(
         averaged, start, TOLERANCE, MOST_STEPS, "sparsecholesky", None
     )
-    return error_bound(solved.raise_for_status())
+    return error_bound(solved.or_interrupted().raise_for_status())
 
 
 def same_data(one: Material, other: Material) -> bool:

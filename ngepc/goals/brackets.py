@@ -198,9 +198,8 @@ def slopes(
         t = first
         for _ in range(PASSES):
             moved = problem_at(sign * t)
-            near = solve_exactly(
-                moved, result, TOLERANCE, MOST_STEPS, "sparsecholesky", None
-            )
+            given = moved, result, TOLERANCE, MOST_STEPS, "sparsecholesky", None
+            near = solve_exactly(*given).or_interrupted()
             if near.status not in SOLVED:
                 raise RuntimeError(f"no bracket: {near.message}")
             there = error_bound(near)

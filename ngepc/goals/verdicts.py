@@ -303,9 +303,8 @@ def _estimated(result: object, problem: Problem, reason: str) -> str:
             if other is None:
                 continue
             log.info("no bound; solved for an estimate by %s", name)
-            solved = solve_exactly(
-                other, None, TOLERANCE, MOST_STEPS, "sparsecholesky", None
-            )
+            given = other, None, TOLERANCE, MOST_STEPS, "sparsecholesky", None
+            solved = solve_exactly(*given).or_interrupted()
         except (ValueError, RuntimeError) as error:
             failures.append(str(error))
             continue

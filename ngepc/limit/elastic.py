@@ -88,9 +88,8 @@ def elastic_stress(
         yield_stress=STRONG * old.lame_mu,
         hardening=old.lame_mu,
     )
-    result = semismooth_newton(
-        alone.changed(material=strong, order=2)
-    ).raise_for_status()
+    solid = alone.changed(material=strong, order=2)
+    result = semismooth_newton(solid).or_interrupted().raise_for_status()
     data = replace(limit_data(alone, (name,)), moves=False)
     cells = data.cells
     points = problem.mesh.MapToAllElements({TRIG: SAMPLES}, VOL)

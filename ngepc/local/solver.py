@@ -239,7 +239,10 @@ class RepeatedSolver:
         state = body.state(body.starting_displacement(None))
         for tolerance in NEARER:
             nearer = {"tolerance": tolerance, "max_iterations": NEARBY_STEPS}
-            state = run(state, **held, **nearer).state
+            near = run(state, **held, **nearer)
+            if near.status is Status.STOPPED:
+                return near
+            state = near.state
             result = run(state)
             if result.status not in UNSOLVED:
                 return result

@@ -85,7 +85,7 @@ class Curve:
 
         SolverError if a step does not converge.
         """
-        run = evolve(problem, self.schedule)
+        run = evolve(problem, self.schedule).or_interrupted()
         functional = as_functional(self.functional)
         states = [give_state() for give_state in states_of(run)]
         # halved steps add times between

@@ -77,7 +77,7 @@ class Response:
         values = require_vector("theta", np.asarray(theta, dtype=float), (n,))
         problem = self.at(values)
         result = self._solver(problem, start=self.last)
-        result.raise_for_status()
+        result.or_interrupted().raise_for_status()
         self.last = result
         slopes = gradient(result, self.functional, self._directions)
         return slopes.functional, np.array([slopes[name] for name in self.parameters])

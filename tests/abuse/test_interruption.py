@@ -13,20 +13,40 @@ import shutil
 import signal
 import sys
 import time
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
+from ngepc import (
+    Coulomb,
+    Curve,
+    Material,
+    Problem,
+    Response,
+    Schedule,
+    Status,
+    calibrate,
+    confidence,
+    contact_force_bracket,
+    error_bound,
+    lshape_problem,
+    semismooth_newton,
+    shakedown_load,
+)
 from ngepc.__main__ import main
 from ngepc.cli.work import reporter
 from ngepc.dual.path import PathOptions, follow_path
+from ngepc.evolution.distance import bound_of_step
 from ngepc.evolution.solver import evolve
 from ngepc.geometries import block, lshape
-from ngepc.results import checkpoint, files
+from ngepc.local import solver
+from ngepc.results import checkpoint, files, iteration
 from ngepc.results.records import write_text
 from ngepc.studies.counts import Table1
+from ngepc.studies.shakedown_problems import bree_problem, bree_vertices
 
 FORK = multiprocessing.get_context("fork" if sys.platform == "linux" else None)
 pytestmark = pytest.mark.skipif(
@@ -336,6 +356,86 @@ def test_series_of_runs_ends_with_the_run_that_was_stopped():
         stopped.or_interrupted()
     done = semismooth_newton(problem, 1.0)
     assert done.or_interrupted() is done
+
+
+METAL = Material.metal(young=1e3, poisson=0.3, yield_stress=5.0, plastic_modulus=100.0)
+
+
+def square(n=2, **given):
+    """A square of triangles, or a cube of tetrahedra, that is pulled."""
+    dimension = given.pop("dimension", 2)
+    mesh = block.structured_mesh(*(n,) * dimension, simplices=True)
+    load = {"right": (3.0, *(0.0,) * (dimension - 1))}
+    return Problem(mesh, METAL, traction=load, **given)
+
+
+def solved(**given):
+    return semismooth_newton(square(**given))
+
+
+PRESSED = {"contact": "contact", "gap": -0.01}
+INNER = {
+    "confidence": lambda: partial(confidence, solved(**PRESSED, friction=Coulomb(0.3))),
+    "contact_force_bracket": lambda: partial(contact_force_bracket, solved(**PRESSED)),
+    "error_bound": lambda: partial(error_bound, solved(dimension=3, order=2)),
+    "Response": lambda: partial(
+        Response(square(**PRESSED), "contact_force", ["hardening"]), [100.0]
+    ),
+    "shakedown_load": lambda: partial(
+        shakedown_load, bree_problem(), bree_vertices(0.8, 0.8)
+    ),
+    "calibrate": lambda: partial(
+        calibrate,
+        square(**PRESSED),
+        Curve(Schedule([1.0], lambda t: {}), "contact_force", [1.0]),
+        {"yield_stress": 4.0},
+    ),
+    "distance_bound": lambda: partial(
+        bound_of_step, solved(order=1), square(order=1, body_force=(0.0, 1.0))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", INNER)
+def test_ctrl_c_in_a_solve_inside_of_something_ends_that(name, monkeypatch):
+    """It was lost, became one of many failures, or a SolverError, which loops catch."""
+    call = INNER[name]()
+
+    def pressed(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(iteration, "newton_step", pressed)
+    with pytest.raises(KeyboardInterrupt):
+        call()
+
+
+def test_ctrl_c_while_contact_is_searched_stops_the_solve(monkeypatch):
+    """The second run, with stiffer springs, is interrupted."""
+    pin = Problem(
+        block.structured_mesh(2, 2, simplices=True),
+        METAL,
+        None,
+        springs={"right": (1e-6, 1e-6)},
+        body_force=(0.0, -1.0),
+        contact="clamped",
+        gap=0.01,
+    )
+    runs = []
+    run = solver.newton_iteration
+
+    def pressed(record):
+        raise KeyboardInterrupt
+
+    def counted(*given, **named):
+        runs.append(named["tangent"])
+        if len(runs) == 2:
+            named["monitor"] = pressed
+        found = run(*given, **named)
+        return replace(found, status=Status.STAGNATED) if len(runs) == 1 else found
+
+    monkeypatch.setattr(solver, "newton_iteration", counted)
+    assert semismooth_newton(pin).status is Status.STOPPED
+    assert len(runs) == 2
 
 
 def test_stopped_cell_is_not_stored(tmp_path, monkeypatch):
