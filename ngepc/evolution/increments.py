@@ -19,13 +19,13 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from ngepc.checks.sentences import counted
 from ngepc.discretisation.points import Points
-from ngepc.evolution.result import Evolution, EvolutionStep, elastic_energy, strain_at
+from ngepc.evolution.result import EvolutionStep, elastic_energy, strain_at
+from ngepc.evolution.run import Run
 from ngepc.results.outcome import Status
 
 log = logging.getLogger(__name__)
@@ -40,22 +40,6 @@ SHARE = 0.05
 
 LATER = 6
 """How often the rest of a step is halved for that."""
-
-
-class Run(Protocol):
-    """A run whose ``state`` between two steps can be restored."""
-
-    evolution: Evolution
-
-    @property
-    def state(self) -> tuple:
-        """Everything that the next step starts from."""
-
-    def restore(self, state: tuple) -> None:
-        """Go back to an earlier state."""
-
-    def solve_step(self, time: float, level: int) -> tuple[Status, str]:
-        """One step; how it ended, and why."""
 
 
 class Difference:
@@ -231,6 +215,8 @@ def preview(run: Run, ends: list[float], difference: Difference) -> None:
     state = run.state
     for end in ends:
         status, _ = run.solve_step(end, 0)
+        if status is Status.STOPPED:
+            raise StopIteration
         if not status.is_success:
             break
         difference.see(run.evolution.steps[-1])

@@ -8,7 +8,16 @@ import pytest
 import stacked
 from ngsolve import InnerProduct, Integrate, Trace, x, y
 
-from ngepc import Coulomb, Problem, Schedule, Status, evolve, load_cycle, lshape_problem
+from ngepc import (
+    Coulomb,
+    Problem,
+    Schedule,
+    Status,
+    evolve,
+    load_cycle,
+    lshape_problem,
+    semismooth_newton,
+)
 from ngepc.discretisation.points import Points
 from ngepc.evolution.increments import Difference
 from ngepc.geometries import block, lshape
@@ -173,6 +182,24 @@ def test_monitor_and_interruption():
     found = evolve(problem, schedule, accuracy=0.5, monitor=stop)
     assert found.status is Status.STOPPED
     assert seen == [0.25, 0.5]
+
+
+def test_ctrl_c_in_the_steps_for_the_sizes_ends_the_run():
+    """It was lost: the history went on as if that step had failed."""
+    problem, schedule = sphere()
+    calls = []
+
+    def pressed(record):
+        raise KeyboardInterrupt
+
+    def solver(problem, start):
+        calls.append(problem)
+        monitor = pressed if len(calls) == 1 else None
+        return semismooth_newton(problem, start=start, monitor=monitor)
+
+    found = evolve(problem, schedule, solver, accuracy=0.5)
+    assert found.status is Status.STOPPED
+    assert len(calls) == 1
 
 
 def test_what_is_refused(tmp_path):

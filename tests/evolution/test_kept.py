@@ -10,7 +10,7 @@ import pytest
 from ngsolve import Integrate
 
 from ngepc import Coulomb, Material, Problem, Schedule, evolve, lshape_problem
-from ngepc.evolution import kept, solver
+from ngepc.evolution import kept, run
 from ngepc.evolution.load_path import load_cycle
 from ngepc.geometries import block, lshape
 
@@ -72,7 +72,7 @@ def test_steps_in_a_file_have_the_fields_of_steps_in_memory(make, monkeypatch):
     history = make()
     count = len(history.steps)
     assert in_memory(history) == [False] * (count - 2) + [True] * 2
-    monkeypatch.setattr(solver, "IN_MEMORY", count)
+    monkeypatch.setattr(run, "IN_MEMORY", count)
     expected = make()
     assert all(in_memory(expected))
     assert np.array_equal(everything(history), everything(expected))
