@@ -41,13 +41,13 @@ def without_loads(problem: Problem, names: Sequence[str]) -> Problem:
     """The problem without the loads ``names``; supports of these names get zero displacement."""
     kept = {}
     for field in ("traction", "pressure"):
-        given = getattr(problem, field) or {}
-        kept[field] = {name: g for name, g in given.items() if name not in names}
+        given = problem.single(field).items()
+        kept[field] = {name: g for name, g in given if name not in names}
     for field in (BODY_FORCE, INITIAL_STRAIN):
         kept[field] = None if field in names else getattr(problem, field)
     kept["prescribed"] = {
         name: at_rest(given) if name in names else given
-        for name, given in (problem.prescribed or {}).items()
+        for name, given in problem.single("prescribed").items()
     }
     return problem.changed(**kept)
 

@@ -261,10 +261,8 @@ def multiplied(problem: Problem, factors: Mapping[str, float]) -> Problem:
     """The problem with the loads of these names multiplied by factors."""
     changed = {}
     for field in ("traction", "pressure"):
-        given = getattr(problem, field) or {}
-        changed[field] = {
-            name: CF(g) * factors.get(name, 1.0) for name, g in given.items()
-        }
+        given = problem.single(field).items()
+        changed[field] = {name: CF(g) * factors.get(name, 1.0) for name, g in given}
     if BODY_FORCE in factors:
         changed[BODY_FORCE] = CF(problem.body_force) * factors[BODY_FORCE]
     return problem.changed(**changed)

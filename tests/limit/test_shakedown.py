@@ -101,6 +101,35 @@ def test_loads_without_a_factor_stay():
     assert exact <= found.upper <= 1.05 * found.lower
 
 
+@pytest.mark.parametrize(("top", "right"), [((0, 1), (0, 1)), ((0, 1), (-1, 1))])
+def test_loads_that_share_a_key_vary_apart(top, right):
+    """A sheet with s_x = -a r, s_y = -a t: a is 1 over the largest (r^2 - r t + t^2)^(1/2)."""
+    supports = {"left": (0, None), "clamped": (None, 0)}
+    given = {"clamped": None, "prescribed": supports, "kinematics": "plane stress"}
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    pressed = Problem(mesh, steel(0.3), pressure={"contact|right": 1.0}, **given)
+    found = shakedown_load(pressed, {"contact": top, "right": right})
+    exact = 1 / max(math.sqrt(r * r - r * t + t * t) for t in top for r in right)
+    assert found.exact
+    assert found.lower <= exact * (1 + 1e-12)
+    assert found.upper >= exact * (1 - 1e-12)
+    assert found.relative_width < 0.01
+
+
+@pytest.mark.parametrize(("right", "exact"), [((0, 0), 2.0), ((0, 1), 1.0)])
+def test_supports_that_share_a_key_move_apart(right, exact):
+    """A bar of unit length, E u = R: plastic strains alternate where E u varies by 2 R."""
+    supports = {"left|right": (1 / YOUNG, None), "clamped": (None, 0)}
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    given = {"clamped": None, "prescribed": supports, "kinematics": "plane stress"}
+    stretched = Problem(mesh, steel(0.3), **given)
+    found = shakedown_load(stretched, {"left": (0, 1), "right": right})
+    assert found.exact
+    assert found.lower <= exact * (1 + 1e-12)
+    assert found.upper >= exact * (1 - 1e-12)
+    assert found.relative_width < 0.01
+
+
 def test_plane_strain_keeps_the_stress_across():
     """Both stresses along the walls are E eps / (1 - nu): the range is twice the yield stress.
 
