@@ -122,7 +122,7 @@ def open_lab(args: argparse.Namespace) -> int:
     problem = indented_block(2) if name == "sphere" else example(name)
     laboratory = live.lab(problem, title=LAB_TITLES[name], **LABS[name])
     server = laboratory.serve(args.port or 0, browser=not args.no_browser)
-    sys.stdout.write(f"the laboratory is at {server.address}; Ctrl-C ends it\n")
+    sys.stdout.write(f"the laboratory is at {server.address} (Ctrl-C ends it)\n")
     sys.stdout.flush()
     try:
         server.run()
