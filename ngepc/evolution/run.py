@@ -20,8 +20,9 @@ from ngepc.evolution.kept import Store
 from ngepc.evolution.load_path import Schedule
 from ngepc.evolution.memory import Memory, check_kind
 from ngepc.evolution.result import Evolution, EvolutionStep, StepRecord
-from ngepc.goals.adaptive import Refinement, next_mesh
+from ngepc.goals.adaptive import Refinement
 from ngepc.goals.brackets import COVERS
+from ngepc.goals.planning import next_mesh
 from ngepc.local.result import ExactResult
 from ngepc.model.elements import has_more_corners
 from ngepc.model.features import FEATURES, require_covered
@@ -288,7 +289,7 @@ class Run:
         old = bound.problem.mesh
         most = self.refinement.max_nodes
         part = self.error / bound.relative
-        mesh, parents = next_mesh(bound, part, self.refinement)
+        mesh, parents = next_mesh(bound, part, self.refinement.marking)
         share = f"{bound.relative:.2g}"
         asked = f"{self.error:g}"
         reason = (

@@ -6,21 +6,17 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated
 
-import numpy as np
 from ngsolve import Mesh
 
 from ngepc._deprecated import renamed
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.coverage import COVERS as BOUNDED
-from ngepc.bounds.data import BoundData
-from ngepc.bounds.of_state import bound_and_search, data_on
 from ngepc.bounds.outcome import ErrorBound, thickened
-from ngepc.bounds.rollers import by_nodes, in_components, state_by_nodes
+from ngepc.bounds.rollers import in_components
 from ngepc.bounds.thickness import is_of_thickness_one, with_other_thickness
 from ngepc.bounds.transfer import (
-    bisected_to,
     carried_state,
     check_carried,
     discrete_on,
@@ -31,40 +27,28 @@ from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.checks.sentences import counted, in_words
-from ngepc.discretisation.factors import Factors
 from ngepc.goals.goal_bound import COVERS as GOALS
-from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.goal_interval import GoalBound, half_in_percent, thick_goal
 from ngepc.goals.goal_terms import check_goal
 from ngepc.goals.kinds import as_goal
+from ngepc.goals.one_mesh import LEFT, Tools, solved
+from ngepc.goals.planning import Pace, planned_part, refined_mesh
 from ngepc.linalg.blas import one_blas_thread
-from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
 from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem
 from ngepc.model.round import round_note
-from ngepc.results.iteration import ExactTarget, newton_iteration
-from ngepc.results.outcome import IterationRecord, Status
+from ngepc.results.outcome import Status
 
 log = logging.getLogger(__name__)
 
-ALGEBRAIC_SHARE = 0.1
-"""Newton iteration ends where its error is this share of the bound."""
 
 ENERGIES = ("energy", "total", "algebraic")
 """Numbers of a ``MeshRecord`` that are energies."""
 
-LEFT = 0.005
-"""Newton's method pauses where further steps gain less than this fraction of the last bound."""
-FEWER = 0.4  # approximate ratio of the nodes of a mesh and of the next one
 HOPELESS = 100.0  # an interval this many times wider than its middle lies around zero
-LEAST_LEFT = 1e-6  # smallest part of an error that a sequence of meshes aims at
-AIM = 0.97  # meshes aim at this fraction of the tolerance, as expected errors are not exact
-SLOWEST = 1.6
-"""Largest factor by which errors are expected to exceed those that indicators predict."""
-TOLERANCE = 1e-10  # the residual at which Newton stops if no small step stops it before
 # refinement continues after these statuses of Newton's method
 SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
 MOST_INFINITE = 6
@@ -276,7 +260,7 @@ def refined(
     interval: GoalBound | None = None
     finite: BoundedResult | None = None
     while True:
-        result, bound, steps, tools = solved(state, small, options)
+        result, bound, steps, tools = solved(state, small, options.max_iterations)
         before = interval
         if goal is not None:
             interval = interval_of(goal, bound, tools, before)
@@ -297,7 +281,9 @@ def refined(
         part = planned_part(tolerance / error, old.dim)
         pace = pace.after(error, part)
         part = part / pace.slowness
-        mesh, parents = refined_mesh(result.problem, estimate.per_cell, part, options)
+        mesh, parents = refined_mesh(
+            result.problem, estimate.per_cell, part, options.marking
+        )
         if mesh.nv > options.max_nodes:
             return replace(here, message=too_fine(mesh, bound, options))
         state = carried_state(result, discrete_on(result, mesh, parents), parents)
@@ -461,138 +447,3 @@ def reported(record: MeshRecord, monitor: Callable[[MeshRecord], None] | None) -
         except StopIteration:
             return "The monitor ended the run."
     return ""
-
-
-@dataclass(frozen=True)
-class Pace:
-    """How much the error is to decrease from mesh to mesh.
-
-    ``expected`` is the error planned for the next mesh, and ``slowness`` the ratio of the error
-    that was found on the last mesh to that which its indicators had predicted; of first meshes it
-    is mostly 1.1 to 1.3.
-    """
-
-    expected: float = math.inf
-    slowness: float = 1.2
-
-    def after(self, error: float, part: float) -> Pace:
-        """The same after a mesh with this error, of which ``part`` is to remain."""
-        missed = self.slowness
-        if math.isfinite(self.expected):
-            missed *= error / self.expected
-        return Pace(part * error, min(max(missed, 1.0), SLOWEST))
-
-
-def planned_part(left: float, dim: int) -> float:
-    """The ratio of the errors of a mesh and of the next one.
-
-    ``left`` is the ratio of the tolerance to the present error.  The meshes are planned such that
-    the error decreases by the same factor from each mesh to the next.
-    """
-    wanted = AIM * max(left, LEAST_LEFT)
-    meshes = max(1, round(math.log(wanted) / (2 / dim * math.log(FEWER))))
-    return wanted ** (1 / meshes)
-
-
-def next_mesh(
-    bound: ErrorBound, left: float, options: Refinement
-) -> tuple[Mesh, np.ndarray]:
-    """The next mesh, bisected by the indicators of a bound, and the parents of its elements.
-
-    ``left`` is the ratio of the tolerance to the present error.
-    """
-    problem = bound.problem
-    part = planned_part(left, problem.N)
-    return refined_mesh(problem, bound.per_cell, part, options)
-
-
-def refined_mesh(
-    problem: Problem, per_cell: np.ndarray, part: float, options: Refinement
-) -> tuple[Mesh, np.ndarray]:
-    """The mesh bisected until this part of the indicators should remain, and the parents.
-
-    It matches where two bodies meet.  If the bound is infinite, all elements count alike.
-    """
-    finite = np.isfinite(per_cell).all()
-    indicators = np.maximum(per_cell, 0.0) if finite else np.ones(len(per_cell))
-    finer = bisected_to(problem.mesh, indicators, options.marking, part)
-    return with_matching(problem, finer)
-
-
-class Pause:
-    """Stops Newton's method where further steps gain less than ``small`` (energy).
-
-    A step that divides the residual by q has lowered the energy by about q^2 times what is left.
-    """
-
-    def __init__(self, small: float) -> None:
-        self.paused = False  # an interrupt stops Newton's method, too
-        self._small = small
-        self._before: IterationRecord | None = None
-
-    def __call__(self, record: IterationRecord) -> None:
-        """Called with the record of each iterate."""
-        before = self._before
-        self._before = record
-        if before is None:
-            return
-        remains = record.residual_norm / before.residual_norm
-        if abs(before.energy - record.energy) * remains**2 < self._small:
-            self.paused = True
-            raise StopIteration
-
-
-class Tools(NamedTuple):
-    """What a bound was computed with: data, tangent, search, and the compliance of the rows.
-
-    The latter is None where the rows of rollers are not those of the bound.
-    """
-
-    bound_data: BoundData
-    tangent: Factors
-    search: Any
-    compliance: Compliance | None
-
-    def goals(self, bound: ErrorBound) -> GoalProblem:
-        """The intervals of goals for the bound."""
-        rest = self.tangent, self.search, self.compliance
-        return GoalProblem.of_bound(self.bound_data, bound, *rest)
-
-
-def solved(
-    state: State, small: float, options: Refinement
-) -> tuple[ExactResult, ErrorBound, int, Tools]:
-    """Newton steps on one mesh until their part of the bound is small, and their number.
-
-    The last result is what the bound was computed with.  Newton steps pause where further ones are
-    expected to lower the energy by less than a ``small`` amount.
-    """
-    bound_data = data_on(by_nodes(state.discrete))
-    tangent = Factors(state.discrete, "sparsecholesky")
-    alike = bound_data.discrete is state.discrete
-    nodal = tangent if alike else Factors(bound_data.discrete, "sparsecholesky")
-    compliance = state.discrete.compliance()
-    target = ExactTarget(state.discrete, lambda: compliance)
-    steps = 0
-    while True:
-        pause = Pause(small)
-        limits = (TOLERANCE, options.max_iterations - steps)
-        result = newton_iteration(state, tangent, ExactResult, *limits, pause, target)
-        steps += result.iterations
-        held = state_by_nodes(result.state, bound_data.discrete)
-        bound, search = bound_and_search(bound_data, held, nodal)
-        tools = Tools(bound_data, nodal, search, compliance if alike else None)
-        if not pause.paused:
-            return result, bound, steps, tools
-        # Newton steps do not reduce the cost of clearing the obstacle between the nodes
-        left = bound.algebraic - (bound.state.energy - result.primal_energy)
-        if left <= ALGEBRAIC_SHARE * bound.total:
-            part = left / bound.total if bound.total > 0 else 0.0
-            ending = (
-                f"Newton's method stopped after {counted(steps, 'step')}: its share of the error "
-                f"bound is {part:.1e}."
-            )
-            ended = replace(result, status=Status.BOUNDED, ending=ending)
-            return ended, bound, steps, tools
-        state = result.state
-        small = small / 30

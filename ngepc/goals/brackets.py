@@ -30,8 +30,9 @@ from ngepc.bounds.outcome import ErrorBound
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words, interval_in_words
 from ngepc.discretisation.loads import applied_forces
-from ngepc.goals.adaptive import SOLVED, TOLERANCE
+from ngepc.goals.adaptive import SOLVED
 from ngepc.goals.goal_bound import goal_bound
+from ngepc.goals.one_mesh import TOLERANCE
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.exact import solve_exactly
 from ngepc.local.result import ExactResult

@@ -24,8 +24,9 @@ from ngepc.bounds.bound import error_bound
 from ngepc.bounds.simplices import marked
 from ngepc.bounds.transfer import bisected, bisected_to, carried_state, on_mesh
 from ngepc.geometries import block, lshape
-from ngepc.goals import adaptive
-from ngepc.goals.adaptive import Refinement, refined_mesh, solve_to
+from ngepc.goals import adaptive, one_mesh
+from ngepc.goals.adaptive import Refinement, solve_to
+from ngepc.goals.planning import refined_mesh
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.studies.bounds import LIMITS
@@ -146,7 +147,7 @@ def test_newton_does_not_go_on_for_what_clearing_a_curved_obstacle_costs():
 
 def test_the_bound_is_that_of_the_result_however_long_newton_goes_on(monkeypatch):
     """After a pause that was too early, to the end: with the bound of the pause it was larger."""
-    monkeypatch.setattr(adaptive, "ALGEBRAIC_SHARE", -1.0)
+    monkeypatch.setattr(one_mesh, "ALGEBRAIC_SHARE", -1.0)
     solved = solve_to(lshape_problem(lshape.paper_mesh(65)), 0.05)
     assert solved.result.status.label == "converged"
     energy = error_bound(solved.result).energy
@@ -302,7 +303,7 @@ def test_infinite_indicators_divide_all_elements():
     problem = lshape_problem(lshape.paper_mesh(33))
     per_cell = np.ones(problem.mesh.ne)
     per_cell[3] = math.inf
-    finer, parents = refined_mesh(problem, per_cell, 0.45, Refinement())
+    finer, parents = refined_mesh(problem, per_cell, 0.45, 0.25)
     assert len(parents) == finer.ne
     assert np.bincount(parents).mean() > 1.9
 
@@ -413,12 +414,12 @@ def test_a_receipt_of_a_bounded_result_is_that_of_its_parts(tmp_path):
 def test_an_interrupt_of_newtons_method_ends_the_run(monkeypatch):
     """Ctrl-C on the second mesh is no pause."""
 
-    class Interrupted(adaptive.Pause):
+    class Interrupted(one_mesh.Pause):
         def __call__(self, record):
             if self._small > 0 and record.iteration > 0:
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr(adaptive, "Pause", Interrupted)
+    monkeypatch.setattr(one_mesh, "Pause", Interrupted)
     run = solve_to(lshape_problem(lshape.paper_mesh(33)), 1e-3)
     assert len(run.records) == 2
     assert not run.reached
