@@ -15,7 +15,7 @@ from ngepc.evolution.result import EvolutionStep
 from ngepc.model.data import order_note
 from ngepc.model.round import round_note
 from ngepc.results.fields import Fields, frobenius
-from ngepc.results.result import (
+from ngepc.results.remarks import (
     SMALL_ROTATION,
     SMALL_STRAIN,
     at_plastic_points,

@@ -3,60 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from html import escape
 
 import numpy as np
-from ngsolve import (
-    H1,
-    CoefficientFunction,
-    Grad,
-    GridFunction,
-    IfPos,
-    Integrate,
-    Norm,
-    VectorH1,
-)
+from ngsolve import H1, CoefficientFunction, GridFunction, Norm, VectorH1
 
-from ngepc.checks.sentences import at_most_percent, counted, in_percent
+from ngepc.checks.sentences import counted
 from ngepc.discretisation.body import Iterate
-from ngepc.discretisation.finer import unresolved_data
-from ngepc.discretisation.gap_records import deepest_overlap, nearer_between_nodes
+from ngepc.discretisation.gap_records import deepest_overlap
 from ngepc.discretisation.mortar import deepest_pair_overlap
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.rows import ContactRows
-from ngepc.discretisation.sampled import hidden_overlap, what_is_unseen
-from ngepc.model.data import order_note
-from ngepc.model.elements import plastic_points, vertex_coordinates
+from ngepc.discretisation.sampled import hidden_overlap
 from ngepc.model.own import require_same_elements, require_same_mesh
 from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
-from ngepc.model.round import round_note
 from ngepc.results.equilibrium import Equilibrium
-from ngepc.results.fields import Fields, Quantities, frobenius
+from ngepc.results.fields import Fields, Quantities
 from ngepc.results.outcome import Ending, History, Status
-
-UNBALANCED = 1e-3
-"""Loads and reactions that differ by a larger part of the loads are said."""
-
-FEW_FACETS = 4
-"""Fewer facets in contact do not resolve a contact zone."""
+from ngepc.results.remarks import remarks_on, turning
 
 SLIPPING = 1e-10
 """Fraction of the largest displacement above which a row that touches has slipped."""
-
-DEEP = 0.01
-"""Larger overlaps between nodes are reported, relative to the largest displacement."""
-
-SMALL_STRAIN = 0.03
-SMALL_ROTATION = 0.05
-"""Strain |eps(u)| and rotation (rad) above which the message warns of large deformations."""
-
-NEGLIGIBLE = 1e-6
-"""Spurious strains that are not spoken of, relative to the largest strain."""
-
-FEW_PLACES = 0.01
-"""Large strains in a smaller part of the body are called local."""
 
 
 class Result(Quantities, Ending):
@@ -379,139 +348,9 @@ class DiscreteSolution(Result):
     @cached_property
     def message(self) -> str:
         """How the run ended, and remarks on the solution that a user must know, worst first."""
-        seen = [] if self.status is Status.UNHELD else self._observations()
+        seen = []
+        if self.status is not Status.UNHELD:
+            seen = remarks_on(self, self._points, self._hidden_overlap)
         converged = self.status in (Status.CONVERGED, Status.BOUNDED)
         texts = (*seen, self.ending) if converged else (self.ending, *seen)
         return " ".join(filter(None, texts))
-
-    def _observations(self) -> list[str]:
-        found = list(filter(None, [self._lack_of_balance()]))
-        processes = self.problem.processes
-        rows = self.rows
-        touching = self.contact_nodes
-        places = rows.between(vertex_coordinates(self.problem.mesh)).tolist()
-        gaps = np.where(rows.tied, np.inf, self.open_gap).tolist()
-        gap, place = min(
-            processes.all(min(zip(gaps, places, strict=True), default=(np.inf, [])))
-        )
-        solved = self.status.is_solution
-        if solved and 0 <= gap < np.inf and not touching:
-            found.append(
-                f"Nothing touches the obstacle: the smallest gap left is {gap:.3g}"
-                f" at {tuple(float(f'{c:.4g}') for c in place)}."
-            )
-        size = processes.maximum(np.abs(self.state.u))
-        if solved and not size and not touching:
-            found.append("Nothing loads or moves the body: its displacements are zero.")
-        strain = self.largest_strain
-        rotation = self.largest_rotation
-        if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
-            found.append(large_motion(strain, rotation, large_part(self.fields)))
-        found += filter(None, [few_facets(self.contact_facets, touching)])
-        if self.status.is_success and (loose := self.undetermined_motions):
-            not_determined = "is not" if loose == 1 else "are not"
-            found.append(
-                f"{counted(loose, 'rigid motion')} of a part held by contact alone "
-                f"{not_determined} determined: its position is not unique, its stresses are."
-            )
-        if self._hidden_overlap > DEEP * size:
-            found.append(
-                f"Between nodes the body overlaps an obstacle by up to {self._hidden_overlap:.3g}: "
-                "refine the contact boundary there."
-            )
-        forced = self.state.body.contact.forced_overlap(self.state.u)
-        if forced > DEEP * size:
-            found.append(
-                f"Supports hold two bodies where they overlap by up to {forced:.3g}: no contact "
-                "force acts there; give displacements that agree, or leave one body free."
-            )
-        resolved = partial(unresolved_data, points=self._points)
-        notes = (order_note, round_note, what_is_unseen, resolved, nearer_between_nodes)
-        found += filter(None, (note(self.problem) for note in notes))
-        return found
-
-    def _lack_of_balance(self) -> str:
-        """A remark on loads that the supports do not balance though the residual is small."""
-        if not self.status.is_solution or self.status is Status.BOUNDED:
-            return ""
-        balance = self.equilibrium
-        given = np.abs(balance.applied) + np.abs(balance.contact)
-        loads = float(np.linalg.norm(balance.resultant(given)))
-        size = max([loads, *map(np.linalg.norm, balance.reactions.values())])
-        left = float(np.linalg.norm(balance.resultant(balance.free_residual)))
-        if not loads or left <= UNBALANCED * size:
-            return ""
-        return (
-            f"Loads and reactions are out of balance by {in_percent(left / size)}, and "
-            "displacements may be off by more: rounding errors of slender bodies or elements, or "
-            "a large tolerance."
-        )
-
-
-def few_facets(facets: int, nodes: int) -> str:
-    """A remark on a contact of so many whole facets and nodes, "" where they are enough or none."""
-    if not nodes or facets >= FEW_FACETS:
-        return ""
-    return (
-        f"Too few facets are in contact ({counted(facets, 'whole facet')}, "
-        f"{counted(nodes, 'node')}): the pressures, and a contact force that balance alone does "
-        "not determine, may be far off. Refine the contact boundary."
-    )
-
-
-def turning(problem: Problem, u: GridFunction) -> float:
-    """The largest |curl(u)| / 2 at the points of plasticity (rad)."""
-    slopes = at_plastic_points(problem, Grad(u)).reshape(-1, problem.N, problem.N)
-    skew = (slopes - slopes.swapaxes(1, 2)) / 2
-    size = np.sqrt((skew**2).sum(axis=(1, 2)) / 2)
-    return problem.processes.maximum(size)
-
-
-def at_plastic_points(problem: Problem, value: CoefficientFunction) -> np.ndarray:
-    """A coefficient at the points of plasticity, shape (points, components)."""
-    mesh = problem.mesh
-    rules = plastic_points(mesh, problem.order)
-    return np.asarray(value(mesh.MapToAllElements(rules, mesh.Materials(".*"))))
-
-
-def large_part(fields: Fields) -> float:
-    """The part of the volume in which strains or rotations are not small."""
-    problem = fields.problem
-    slopes = Grad(fields.displacement)
-    turned = frobenius(slopes - slopes.trans) / 8**0.5
-    excess = IfPos(
-        frobenius(fields.strain) - SMALL_STRAIN, 1.0, turned - SMALL_ROTATION
-    )
-    weight = problem.kinematics.weight
-    part, whole = (
-        problem.processes.total(
-            Integrate(density, problem.mesh, element_wise=True).NumPy().sum()
-        )
-        for density in (weight * IfPos(excess, 1.0, 0.0), weight)
-    )
-    return float(part / whole)
-
-
-def large_motion(strain: float, rotation: float, part: float) -> str:
-    """A remark on the error of linearised strains at the largest strain and rotation (rad).
-
-    ``part`` is that of the volume in which one of them is large.  At corners and at edges of
-    contact they grow with every refinement, however small the loads are.
-    """
-    spurious = rotation**2 / 2
-    sizes = f"Strains reach {in_percent(strain)}"
-    if spurious > NEGLIGIBLE * strain:
-        sizes += (
-            f" and rotations {rotation:.2g} rad (which the model takes for a strain of "
-            f"{in_percent(spurious)})"
-        )
-    limits = f"They are above {in_percent(SMALL_STRAIN)} or {SMALL_ROTATION:g} rad"
-    if part < FEW_PLACES:
-        return (
-            f"{sizes}. {limits} in {at_most_percent(part)} of the body only; at corners and edges "
-            "of contact they grow with every refinement."
-        )
-    return (
-        f"{sizes}. {limits} in {in_percent(part)} of the body: the model is for small ones, and "
-        "elongations, stresses and forces may be wrong by as much."
-    )

@@ -7,7 +7,7 @@ from ngsolve import sin, x
 from ngepc import Material, Problem, Schedule, evolve, load_cycle, semismooth_newton
 from ngepc.evolution.remarks import strain_and_rotation
 from ngepc.geometries import block
-from ngepc.results.result import few_facets
+from ngepc.results.remarks import few_facets
 
 METAL = Material.metal(
     young=1000.0, poisson=0.3, yield_stress=1.0, tangent_modulus=100.0

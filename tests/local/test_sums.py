@@ -43,7 +43,7 @@ SAMPLE = {
     "model/support.py:_agreed summed": "halves",
     "results/equilibrium.py:Equilibrium.resultant total": "clamped",
     "results/result.py:DiscreteSolution._hidden_overlap maximum": "ribs",
-    "results/result.py:DiscreteSolution._observations maximum": "ribs",
+    "results/remarks.py:longest_way maximum": "ribs",
 }
 """Sums of each room that has any, those that few bodies notice, and such a body."""
 

@@ -22,7 +22,8 @@ from ngepc.geometries import block, lshape, ring, wrench
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import SolverError, Status
-from ngepc.results.result import Result, large_motion, large_part
+from ngepc.results.remarks import large_motion, large_part
+from ngepc.results.result import Result
 
 STEEL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=100.0
