@@ -18,10 +18,11 @@ on the cell cut into similar ones: ``tests/campaigns/constants.py`` has the argu
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from ngsolve import CF, ET, VOL, CoefficientFunction, IntegrationRule, x, y, z
+from ngsolve import ET, VOL, CoefficientFunction, IntegrationRule
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.coverage import CONSTANT
@@ -150,14 +151,10 @@ class CarriedLoads:
         reference = [tuple(place[:N]) for place in places.tolist()]
         rule = IntegrationRule(reference, [1.0] * len(places))
         points = c.mesh.MapToAllElements({shape: rule}, VOL)
-        f, at = (
-            np.asarray(value(points)).reshape(len(c.nodes), -1, N)
-            for value in (force, CF((x, y, z)[:N]))
-        )
-        offset = at - c.points[c.nodes[:, 0]][:, None]
-        others = np.matmul(offset, c.inverse.transpose(0, 2, 1))
-        first = 1 - others.sum(axis=2, keepdims=True)
-        return f, np.concatenate([first, others], axis=2), weights
+        f = np.asarray(force(points)).reshape(len(c.nodes), -1, N)
+        inside = places[:, :N]
+        share = np.column_stack([inside, 1 - inside.sum(axis=1)])
+        return f, share[:, self._vertex_of].transpose(1, 0, 2), weights
 
     def _inner_loads(self) -> np.ndarray:
         """Coefficients of constant and rotating loads with the work of f on rigid motions."""
@@ -195,8 +192,16 @@ class CarriedLoads:
 
     def _ordered(self, number: int, shares: np.ndarray) -> np.ndarray:
         """Barycentric coordinates in the order of the vertices of a cell here."""
-        nodes = element_nodes(self.cells.mesh)[number, : self.cells.N + 1].tolist()
-        return shares[:, [nodes.index(node) for node in self.cells.nodes[number]]]
+        return shares[:, self._vertex_of[number]]
+
+    @cached_property
+    def _vertex_of(self) -> np.ndarray:
+        """Which vertices of the elements of the mesh those of the cells are, (nt, N + 1)."""
+        c = self.cells
+        nodes = element_nodes(c.mesh)[:, : c.N + 1]
+        place = np.empty_like(c.nodes)
+        np.put_along_axis(place, c.nodes.argsort(axis=1), nodes.argsort(axis=1), axis=1)
+        return place
 
     def _leave_tractions(self, boundary: Boundary) -> None:
         """The contribution of tractions to ``left``."""

@@ -23,7 +23,7 @@ import sys
 import numpy as np
 from numpy import einsum, ndarray
 
-FORMAT = "ngepc receipt 10"
+FORMAT = "ngepc receipt 11"
 EPS = 16 * 2.0**-52
 LARGEST = 1e20  # number
 KORN = {2: 2.7, 3: 6.3}
@@ -103,7 +103,7 @@ def arrays_in(words: ndarray, header: dict) -> dict:
     shapes = {
         "points": (N, P), "cells": (k, K), "other": (N + 1, K), "u": (L, N, P),
         "stress": (L, k, c, K), "law": (2 + 2 * c, K), "body_force": (L, N, K),
-        "passed": (N, N + 1, K), "tangent": (2 * L - 2, K), "held": (N, B),
+        "passed": (N, N + 1, K), "arm": (N, K), "tangent": (2 * L - 2, K), "held": (N, B),
         "traction": (L, N, t, B), "gap": (L, t, B), "pressure": (L, t, B),
     }  # fmt: skip
     record = np.dtype([(name, float, shape) for name, shape in shapes.items()])
@@ -186,7 +186,7 @@ class Body:
         load = np.bincount(self.out % self.K, pulls, self.K)
         load += size(self.stress) + self.length * size(self.body_force)
         self.load = load * self.length ** (self.N - 1)
-        self.force += 9 * EPS * self.load
+        self.force += 6 * EPS * self.load
 
     def displace(self) -> None:
         """Strains, trial stresses and works, the room at the obstacle, and rounding of all."""
@@ -197,12 +197,13 @@ class Body:
         self.moduli = np.stack([self.bulk] + [2 * self.mu] * len(self.back))
         self.trial = self.moduli * strain
         self.trial[0, :, 1:] -= self.start
-        slope = self.degree**1.5 * self.N * self.steep * size(change)
-        rest = size(self.stress[:, :, 1:]) + 2 * (size(self.law[4:]) + self.mu * slope)
-        mean = size(self.stress[:, :, 0]) + self.bulk * slope
-        density = self.volume * (mean**2 / self.bulk + rest**2 / self.soft)
-        moves = 2 * self.N * np.abs(self.u).max()
-        self.rest = 30 * self.L * self.wrong * (density + self.load * moves)
+        self.parts = self.stress, self.trial, self.moduli, self.law
+        grad = self.degree**1.5 * self.N * self.steep * size(change) * self.moduli[:2]
+        S, t = (np.array([size(a[:, :, 0]), size(a[:, :, 1:])]) for a in self.parts[:2])
+        S[1] += 2 * size(self.law[4:])
+        w = (S + grad) * (S + t + self.wrong * grad) / np.array([self.bulk, self.soft])
+        w = self.volume * w.sum(axis=0) + 2 * self.N * np.abs(self.u).max() * self.load
+        self.rest = 30 * self.L * self.wrong * w
         u = self.u.take(self.ends, axis=2)
         room = self.gap - einsum("LxtB,xB->LtB", u, self.normal)
         near = 3 * self.wrong.max() * (np.abs(u).sum((0, 1)) + np.abs(self.gap).sum(0))
@@ -219,25 +220,25 @@ class Body:
 
     def defect(self) -> float:
         """The number b: |R| <= b (2 J(u) - 2 J(v))^(1/2)."""
-        passed = np.abs(self.passed).reshape(self.N, -1)
-        passed[:, self.out] *= self.holds
-        gets = passed.take(self.other, axis=1) * self.joined
-        total, gets = np.reshape([passed, gets], (2, *self.passed.shape)).sum(axis=2)
-        need(total > (1 + EPS) * (self.force + gets), "passed: too little")
-        reach = math.dist(self.points.min(axis=1), self.points.max(axis=1))
-        b = 12.1 * KORN[self.N] * reach * total.sum(axis=0)
+        goes = np.abs(self.passed)
+        both = np.stack([goes, goes * self.arm[:, None]]).reshape(2, self.N, -1)
+        both[..., self.out] *= self.holds
+        gets = both.take(self.other, axis=2) * self.joined
+        sums = np.reshape([both, gets], (2, 2, *self.passed.shape)).sum(axis=3)
+        (goes, turn), (gets, due) = sums
+        need(goes > (1 + EPS) * (self.force + gets), "passed: too little")
+        need(turn > (1 + EPS) * (due + self.length * (self.force + goes)), "arm: short")
+        b = 10.9 * KORN[self.N] * turn.sum(axis=0)
         b *= self.steep * self.length ** (self.N + 1) / self.volume**1.5
         return math.sqrt((b**2 / np.minimum(self.soft, self.bulk)).sum())
 
     def densities(self, cells: slice) -> ndarray:
         """Those of J(u), of what it exceeds J(v) by, and of the ends of a goal, by cells."""
-        moduli = self.moduli[:, cells]
-        stress = self.stress[..., cells]
-        trial = self.trial[..., cells]
+        stress, trial, moduli, law = (part[..., cells] for part in self.parts)
         if self.degree == 2:  # as quadratics
             trial = (trial[:, [0, 1, 2, 1, 0, 0]] + trial[:, [0, 1, 2, 2, 2, 1]]) / 2
-        mu, h, beta = self.law[1:4, cells]
-        start, back = np.split(self.law[4:, cells], 2)
+        mu, h, beta = law[1:4]
+        start, back = np.split(law[4:], 2)
         s = trial[0, :, 1:] - back
         x = stress[0, :, 1:] - back
         p, length = outside(s, beta)
@@ -288,9 +289,8 @@ def check(path: str) -> str:
         right = header[name] <= value if "lower" in name else value <= header[name]
         need(right, f"{name}: {header[name]} claimed, {value} proved")
     text = "{sizes[1]} cells, {kinematics}: least energy in ({lower}, {upper})"
-    if "goal" in header:
-        text += ", {goal!r} in ({goal lower}, {goal upper})"
-    return text.format_map(header)
+    goal = ", {goal!r} in ({goal lower}, {goal upper})" if "goal" in header else ""
+    return (text + goal).format_map(header)
 
 
 if __name__ == "__main__":

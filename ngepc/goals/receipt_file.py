@@ -17,8 +17,8 @@ from ngepc.goals.receipt_mesh import FileCells
 LAYERED = "u", "stress", "body_force", "traction", "gap", "pressure"
 """Arrays with a layer for the energy, and one for the adjoint of a goal."""
 NAMES = (
-    "points", "cells", "other", "u", "stress", "law", "body_force", "passed", "tangent",
-    "held", "traction", "gap", "pressure",
+    "points", "cells", "other", "u", "stress", "law", "body_force", "passed", "arm",
+    "tangent", "held", "traction", "gap", "pressure",
 )  # fmt: skip
 """The arrays in their order."""
 ROOM = 0.1
@@ -49,6 +49,7 @@ def in_file_order(
     K = len(cells.cells)
     last |= {"points": cells.points.T, "cells": cells.cells.T, "other": cells.other}
     last["passed"] = np.zeros((cells.N, cells.N + 1, K))
+    last["arm"] = np.zeros((cells.N, K))
     last["tangent"] = np.zeros((2 * L - 2, K))
     header["sizes"] = [len(cells.points), K, len(cells.out)]
     return packed(last)
@@ -59,9 +60,9 @@ def with_hints(words: np.ndarray, header: dict[str, object]) -> np.ndarray:
     arrays = check_receipt.arrays_in(words, header)
     r = check_receipt.Body(words, header)
     for component, held in enumerate(r.holds):
-        way, levels = ways(r.other, r.out[held], r.K)
-        total = passed(r.force[component], way, r.other, levels)
-        arrays["passed"][component, way, np.arange(r.K)] = total
+        passed, arm = ways_out(r, r.force[component], r.out[held])
+        arrays["passed"][component] = passed
+        arrays["arm"][component] = arm
     for row, sign in enumerate((-1, 1)[: len(arrays["tangent"])]):
         arrays["tangent"][row] = best_tangent(r, sign)
     return words
@@ -138,48 +139,58 @@ def basis_coordinates(tensors: np.ndarray, kinematics: str) -> np.ndarray:
     return np.einsum("cij,...ij->...c", basis(kinematics), tensors)
 
 
-def ways(
-    other: np.ndarray, place: np.ndarray, K: int
-) -> tuple[np.ndarray, list[np.ndarray]]:
-    """The side by which each cell passes on forces, and the cells by their distance.
+def ways_out(
+    r: check_receipt.Body, force: np.ndarray, place: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What cells pass on by their sides (N + 1, cells), and the arms of it (cells,).
 
-    Forces end at the places ``place`` of the boundary.
+    Each cell passes its own ``force`` and what it gets, in equal parts, to its neighbours that are
+    nearer to the supports; forces end at the places ``place`` of the boundary.
     """
-    way = np.zeros(K, dtype=int)
-    way[place % K] = place // K
-    reached = np.zeros(K, dtype=bool)
-    levels = [np.unique(place % K)]
-    reached[levels[0]] = True
-    other = other.reshape(-1, K)
-    while len(levels[-1]):
-        beyond = other[:, levels[-1]].ravel()
-        beyond = beyond[~reached[beyond % K]]
-        level, first = np.unique(beyond % K, return_index=True)
-        way[level] = beyond[first] // K
-        reached[level] = True
-        levels.append(level)
-    if not reached.all():
+    other = r.other.reshape(-1, r.K)
+    beyond = other % r.K
+    steps = steps_to(other, place)
+    out = steps[beyond] < steps
+    out.ravel()[place] = True
+    share = out / out.sum(axis=0)
+    own = np.maximum((1 + ROOM) * force, SMALLEST)
+    total = own.copy()
+    moment = np.zeros(r.K)
+    order = steps.argsort(kind="stable")
+    first = np.searchsorted(steps[order], np.arange(steps.max() + 2))
+    for level in range(len(first) - 2, -1, -1):
+        cells = order[first[level] : first[level + 1]]
+        total[cells] *= 1 + GROWTH
+        moment[cells] += r.length[cells] * (own[cells] + total[cells])
+        moment[cells] *= 1 + GROWTH
+        side, chosen = np.nonzero(out[:, cells] & (steps[beyond[:, cells]] < level))
+        chosen = cells[chosen]
+        after = beyond[side, chosen]
+        np.add.at(total, after, share[side, chosen] * total[chosen])
+        np.add.at(moment, after, share[side, chosen] * moment[chosen])
+    return share * total, moment / total
+
+
+def steps_to(other: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """How many sides lie between each cell and those with the places ``place``, (cells,).
+
+    ValueError if there is no way from a cell to them.
+    """
+    K = other.shape[1]
+    steps = np.full(K, -1)
+    level = np.unique(place % K)
+    count = 0
+    while len(level):
+        steps[level] = count
+        beyond = np.unique(other[:, level] % K)
+        level = beyond[steps[beyond] < 0]
+        count += 1
+    if (steps < 0).any():
         raise ValueError(
             "problem: a receipt needs a body in one piece, and supports that hold each component "
             "of the displacement on a side that is not parallel to it, or all of them"
         )
-    return way, levels
-
-
-def passed(
-    force: np.ndarray, way: np.ndarray, other: np.ndarray, levels: list[np.ndarray]
-) -> np.ndarray:
-    """What each cell passes on, (cells,): its own forces and those it gets."""
-    K = len(force)
-    place = way * K + np.arange(K)
-    after = other[place] % K
-    inside = other[place] != place
-    total = np.maximum((1 + ROOM) * force, SMALLEST)
-    for level in levels[::-1]:
-        total[level] *= 1 + GROWTH
-        going = level[inside[level]]
-        np.add.at(total, after[going], total[going])
-    return total
+    return steps
 
 
 def best_tangent(r: check_receipt.Body, sign: int) -> np.ndarray:

@@ -85,6 +85,21 @@ def test_the_work_on_rigid_motions_is_carried(N):
 
 
 @pytest.mark.parametrize("N", [2, 3])
+def test_constant_forces_are_carried_by_cells_of_all_sizes(N):
+    """Small cells far from the origin, where rounded coordinates would leave 1e-8 of the force."""
+    problem = body(N, 0.5, body_force=(2.0, -1.0, 0.5)[:N])
+    mesh = problem.mesh
+    for _ in range(24):
+        corner = np.abs([np.sum(v.point) - 0.7 for v in mesh.vertices]).argmin()
+        for element in mesh.Elements():
+            there = corner in [v.nr for v in element.vertices]
+            mesh.SetRefinementFlag(element, there)
+        mesh.Refine()
+    loads = CarriedLoads(Boundary(problem, Simplices.of(mesh)))
+    assert not loads.left.any()
+
+
+@pytest.mark.parametrize("N", [2, 3])
 def test_what_is_left_is_bounded(N):
     """Against quadratic displacements on each cell."""
     cells, loads = carried(N)

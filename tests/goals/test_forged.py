@@ -181,13 +181,20 @@ def test_moduli_that_are_not_positive(row, value, receipt):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e20, -1e20])
 @pytest.mark.parametrize(
-    "name", ["points", "u", "stress", "gap", "passed", "law", "tangent"]
+    "name", ["points", "u", "stress", "gap", "passed", "arm", "law", "tangent"]
 )
 def test_numbers_that_have_no_size(name, value, receipt):
     arrays, header = receipt
     values = copied(arrays, name)
     values.ravel()[-1] = value
     refused(arrays | {name: values}, header, "^numbers: ")
+
+
+def test_arms_that_are_too_short(receipt):
+    """Forces have come from farther away; a sum of arms that are negative is no way out."""
+    arrays, header = receipt
+    for change in (0.0, 0.9, -1.0):
+        refused(arrays | {"arm": change * arrays["arm"]}, header, "^arm: short")
 
 
 def test_a_pull_of_the_obstacle(receipt):
@@ -273,9 +280,9 @@ def test_claims_are_needed(receipt, tmp_path):
 
 def test_sizes_of_arrays_whose_sum_overflows():
     """2^32 bytes: numpy would read arrays from before and after the file."""
-    sizes = 1049394, 17183000, 40
+    sizes = 2217644, 16000000, 40
     header = {"kinematics": "two-dimensional", "order": 1, "sizes": sizes}
-    numbers = 4 * sizes[0] + 31 * sizes[1] + 10 * sizes[2]
+    numbers = 4 * sizes[0] + 33 * sizes[1] + 10 * sizes[2]
     assert numbers - 2**29 == 64
     words = np.broadcast_to(np.zeros(1), numbers)
     with pytest.raises(ValueError, match=r"^receipt: too large"):

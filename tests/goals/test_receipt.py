@@ -756,7 +756,7 @@ def test_the_checker_is_short():
 def test_a_receipt_of_an_older_format_says_so(tmp_path):
     path = tmp_path / "receipt.npz"
     np.savez(path, header=json.dumps({"format": "ngepc receipt 9"}))
-    with pytest.raises(ValueError, match="not 'ngepc receipt 10', write it again"):
+    with pytest.raises(ValueError, match="not 'ngepc receipt 11', write it again"):
         check_receipt.check(path)
 
 

@@ -94,7 +94,7 @@ class Rectangle:
             "stress": np.tile(stress.T[:, None, :, None], (1, 3, 1, K)),
             "law": np.append(law, [0] * 4)[:, None].repeat(K, axis=1),
             "body_force": np.zeros((2, 2, K)), "passed": np.zeros((2, 3, K)),
-            "tangent": np.zeros((2, K)),
+            "arm": np.zeros((2, K)), "tangent": np.zeros((2, K)),
             "held": self.held, "traction": self.tractions,
             "gap": np.zeros((2, 2, B)), "pressure": np.zeros((2, 2, B)),
         }  # fmt: skip
@@ -230,6 +230,29 @@ def test_rounding_of_goals_is_enclosed(seed, end):
     arrays, header = body.file(1.0)
     arrays["stress"][:] = 0
     assert body.is_inside(body.proved(arrays, header))
+
+
+class Held(Rectangle):
+    """A rectangle that is held on its whole boundary, so that loads do no work."""
+
+    def is_held(self, ends):
+        """All sides are."""
+        return True
+
+
+@pytest.mark.parametrize("end", ["energy", "goal"])
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_of_rotations_is_enclosed(seed, end):
+    """Displacements are turned by far more than strained: nothing changes but rounding."""
+    random = np.random.default_rng(seed)
+    body = Held(random)
+    A, C = (fractions(random, (2, 2), 8) for _ in range(2))
+    size = 2 * int(random.integers(2**28, 2**32)) + 1
+    turn = size * np.array([[0, -1], [1, 0]], dtype=object)
+    body.strained(A + turn, C if end == "energy" else A + turn)
+    proved = body.proved(*body.file())
+    assert body.is_inside(proved)
+    assert proved["upper"] - proved["lower"] < 10 * abs(body.energy)  # not 1e8
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -403,7 +426,7 @@ def missed_equilibrium(r):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_what_equilibrium_misses_is_bounded(seed):
-    """Two triangles that hand on all forces: the bound is 1e4 times what their own w find."""
+    """Two triangles that hand on all forces: the bound is about 1e5 times what their own w find."""
     random = np.random.default_rng(seed)
     body = Rectangle(random, n=1, scales=(3, 0, -4, 2))
     arrays, header = body.file()
@@ -412,4 +435,4 @@ def test_what_equilibrium_misses_is_bounded(seed):
     r = check_receipt.Body(words, header)
     bound = r.defect()
     missed = missed_equilibrium(r).sum()
-    assert 1e-5 * bound <= missed <= bound
+    assert 5e-6 * bound <= missed <= bound
