@@ -9,7 +9,7 @@ import numpy as np
 from ngepc.checks.sentences import counted
 from ngepc.discretisation.body import Iterate
 from ngepc.linalg.direct import FactorisationError
-from ngepc.linalg.friction import STARTS
+from ngepc.linalg.other_forces import STARTS, other_forces
 from ngepc.linalg.secants import LEFT, Compliance, solve_by_secants
 
 ROUNDING = 3e-14
@@ -172,7 +172,7 @@ def _proved_unique(
 
 
 def _other_forces(here: Iterate, solve: Solve, rows: np.ndarray) -> np.ndarray | None:
-    """Other forces of some rows that obey Coulomb's law, see ``FrictionCone.other_forces``."""
+    """Other forces of some rows that obey Coulomb's law, see ``other_forces``."""
     conditions = here.body.contact
     cone = conditions.friction
     chosen = cone.numbers(rows)
@@ -183,7 +183,7 @@ def _other_forces(here: Iterate, solve: Solve, rows: np.ndarray) -> np.ndarray |
     if springs is not None:  # released like those of floating parts
         rigid = np.hstack([rigid, np.diag(springs[chosen] ** 0.5)])
     given = S, here.gaps[chosen], here.contact[chosen], sizes, rigid
-    return cone.of(rows).other_forces(*given)
+    return other_forces(cone.of(rows), *given)
 
 
 def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:

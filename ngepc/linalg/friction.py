@@ -14,19 +14,17 @@ complementarity problem, which block principal pivoting solves.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import bsr_matrix, csr_matrix
 
+from ngepc.linalg.box import TINY, in_box
 from ngepc.linalg.contact_states import can_be_enumerated, equilibria
+from ngepc.linalg.row_blocks import add_to_rows, of_rows
 from ngepc.linalg.secants import Compliance
-
-PATIENCE = 10  # exchanges without progress before steps that descend take over
 
 SOFT = (0.3, 0.03)
 """c times the compliance of a row; a second value is tried if Newton's method cycles."""
@@ -34,9 +32,6 @@ SOFT = (0.3, 0.03)
 STEPS = 30  # Newton steps with each c
 PROXIMAL_STEPS = 60  # at most, where Newton's method alone fails in a convex problem
 SHORTEST = 1e-3  # the shortest step length
-ROUNDING = 1e-13  # of displacements of rows, where forces come from steps that descend
-DESCENTS = 20  # the largest number of such steps, relative to that of forces
-TINY = float(np.finfo(float).tiny)  # in place of zero in a denominator
 
 ROUNDED = 2e-15
 """Newton's method ends at a residual below this fraction of the largest force: rounding."""
@@ -44,159 +39,6 @@ ROUNDED = 2e-15
 EXACT = 1e-13
 SETTLED = 1e-10
 """It also ends at steps below these fractions: at once, or if the residual no longer falls."""
-
-DIFFERENT = 1e-6  # fraction of the largest force by which two solutions differ
-
-FACTORS = (0.5, 0.8, 1.25, 2.0)
-"""Coefficients and loads of neighbouring problems, relative, where searches start."""
-
-SHIFTS = (1.0, 0.1, -0.1, -1.0)
-"""Gaps and slips of neighbouring problems, relative to the largest one."""
-
-SOFT_ENOUGH = 10.0
-SOFTER = 1e5
-"""Factors by which springs of floating parts are softer than in Newton's steps: in a search, where
-small problems of a pressed block are not solved with softer ones; and where states are tried."""
-
-RELEASES = 3
-"""How often springs of a floating part are released, each time to about 1e-4 of their force."""
-
-STARTS = 5 + 2 * len(FACTORS) + 2 * len(SHIFTS)
-"""How many there are."""
-
-
-def in_box(
-    W: Compliance,
-    gaps: np.ndarray,
-    forces: np.ndarray,
-    low: np.ndarray | float = 0.0,
-    high: np.ndarray | float = np.inf,
-) -> tuple[np.ndarray, bool]:
-    """The change of the forces x after which they minimise a quadratic between two bounds.
-
-    A ``SmallProblem``: w = gaps + W (x - forces) with W positive definite is the gradient, and
-    w >= 0 where x = low, w <= 0 where x = high, w = 0 between them.  Close to the solution the
-    forces to start from keep cancellation out of the result.  Whether the change is exact.
-    """
-    low = np.broadcast_to(np.asarray(low, dtype=float), forces.shape)
-    high = np.broadcast_to(np.asarray(high, dtype=float), forces.shape)
-    found = exchanged(W, gaps, forces, low, high)
-    if found is None:
-        return lowered_in_box(W, gaps, forces, low, high)
-    return found, True
-
-
-def exchanged(
-    W: Compliance,
-    gaps: np.ndarray,
-    forces: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-) -> np.ndarray | None:
-    """See ``in_box``: all forces on the wrong side of a bound change sides at once.
-
-    None if that stops making progress (Judice and Pires, Comput. Oper. Res. 19, 1992).
-    """
-    at_low = forces <= low
-    at_high = (forces >= high) & ~at_low
-    movable = low < high
-    fewest = len(gaps) + 1
-    patience = PATIENCE
-    slack = 1e-14 * max(np.abs(gaps).max(initial=0.0), TINY)
-    while patience > 0:
-        free = ~(at_low | at_high)
-        change = np.where(free, 0.0, np.where(at_high, high, low) - forces)
-        change[free] = -np.linalg.solve(W.block(free), (gaps + W @ change)[free])
-        if not np.isfinite(change).all():
-            return None
-        w = gaps + W @ change
-        x = np.where(free, forces + change, 0.0)
-        rounding = 1e-14 * np.abs(x).max(initial=0.0)
-        below = free & (x < low - rounding)
-        above = free & (x > high + rounding)
-        leaves = movable & ((at_low & (w < -slack)) | (at_high & (w > slack)))
-        wrong = below | above | leaves
-        count = np.count_nonzero(wrong)
-        if count == 0:
-            change = np.where(free & (x <= low), low - forces, change)
-            return np.where(free & (x >= high), high - forces, change)
-        patience = PATIENCE if count < fewest else patience - 1
-        fewest = min(fewest, count)
-        at_low = (at_low & ~wrong) | (below & wrong)
-        at_high = (at_high & ~wrong) | (above & wrong)
-    return None
-
-
-def lowered_in_box(
-    W: Compliance,
-    gaps: np.ndarray,
-    forces: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-) -> tuple[np.ndarray, bool]:
-    """See ``in_box``: by steps that lower the quadratic, so that none comes back.
-
-    Some forces are held at their bounds.  The others go where they minimise the quadratic, cut off
-    at their bounds if that lowers it, else as far as the first bound that they meet; those that
-    have met one are held, too.  At a minimum the one is released that the gradient pulls inwards
-    most (Nocedal and Wright, Numerical Optimization, 2006, section 16.5).
-    """
-    x = np.clip(forces, low, high)
-    caused = W @ (x - forces)
-    held = (x <= low) | (x >= high)
-    for _ in range(DESCENTS * len(forces)):
-        w = gaps + caused
-        free = ~held
-        step = np.zeros_like(x)
-        step[free] = -np.linalg.solve(W.block(free), w[free])
-        if not np.isfinite(step).all():
-            break
-        ahead = x + step
-        x = cut_off_at_bounds(W, w, x, step, low, high)
-        whole = np.array_equal(x, ahead)
-        caused = W @ (x - forces)
-        held |= (x <= low) | (x >= high)
-        if whole:
-            w = gaps + caused
-            slack = ROUNDING * max(np.abs(gaps).max(), np.abs(caused).max())
-            falls = (w < -slack) & (x < high)
-            grows = (w > slack) & (x > low)
-            inwards = held & (falls | grows)
-            if not inwards.any():
-                return x - forces, True
-            held[np.argmax(np.where(inwards, w**2 / W.diagonal, 0.0))] = False
-    return x - forces, False
-
-
-def cut_off_at_bounds(
-    W: Compliance,
-    w: np.ndarray,
-    x: np.ndarray,
-    step: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-) -> np.ndarray:
-    """The point x + step inside the bounds, if it lowers the quadratic with gradient w at x.
-
-    Else, if that is another one, the point where the first force meets a bound.
-    """
-    nearer = np.clip(x + step, low, high)
-    moved = nearer - x
-    if np.array_equal(nearer, x + step) or moved @ (w + W @ moved / 2) < 0:
-        return nearer
-    return up_to_the_first_bound(x, step, low, high)
-
-
-def up_to_the_first_bound(
-    x: np.ndarray, step: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
-    """The point of x + t step, t >= 0, where the first force meets a bound, exactly there."""
-    ahead = np.where(step > 0, high, low)
-    moves = step != 0
-    lengths = np.full(len(x), np.inf)
-    lengths[moves] = (ahead[moves] - x[moves]) / step[moves]
-    shortest = lengths.min()
-    return np.where(lengths <= shortest, ahead, x + shortest * step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +178,7 @@ class FrictionCone:
         compliance = self._along(W)
         best = (np.inf, np.zeros_like(forces))
         zero = np.zeros_like(forces)
-        for start, soft in product((lambda: zero, lambda: _stuck(W, gaps)), SOFT):
+        for start, soft in product((lambda: zero, lambda: stuck_change(W, gaps)), SOFT):
             equation = _Equation(self, W, gaps, forces, soft / compliance)
             left, change, exact = equation.solved(start())
             if exact:
@@ -411,88 +253,6 @@ class FrictionCone:
         found = equilibria(S, gaps, forces, *law, sizes)
         apart = found - forces
         return found[np.argsort(np.einsum("ki,ij,kj->k", apart, S, apart))]
-
-    def other_forces(
-        self,
-        S: np.ndarray,
-        gaps: np.ndarray,
-        forces: np.ndarray,
-        sizes: np.ndarray | None = None,
-        rigid: np.ndarray | None = None,
-    ) -> np.ndarray | None:
-        """Other forces that meet the law with the compliance S, None if none is found.
-
-        All states are tried where the cone is ``enumerable``, else ``starts``.  ``sizes`` are the
-        compliances that differences are judged by, by default the diagonal of S.  ``rigid`` C
-        (n, k) are motions of floating parts, which springs with the compliance C C' hold; here
-        they are made softer.
-        """
-        sizes = S.diagonal() if sizes is None else sizes
-        rigid = np.zeros((len(forces), 0)) if rigid is None else rigid
-        rigid = rigid * (SOFTER if self.enumerable else SOFT_ENOUGH) ** 0.5
-        S = S + rigid @ rigid.T
-        if self.enumerable:
-            found = self.equilibria(S, gaps, forces, sizes)
-        else:
-            found = self._from_starts(S, gaps, forces, rigid)
-        for other in found:
-            apart = other - forces
-            if apart @ S @ apart > DIFFERENT**2 * (sizes @ forces**2):
-                return other  # forces on held tangents do no work: they are no other equilibrium
-        return None
-
-    def _from_starts(
-        self, S: np.ndarray, gaps: np.ndarray, forces: np.ndarray, rigid: np.ndarray
-    ) -> Iterator[np.ndarray]:
-        """Solutions from each of the starts that has one.
-
-        Springs that hold a floating part are no part of the body: their force is removed again, in
-        several passes.
-        """
-        W = Compliance.of(S)
-        passes = RELEASES if rigid.size else 1
-        for start in self.starts(W, gaps, forces):
-            x = start
-            there = gaps + S @ (start - forces)
-            carried = rigid.T @ (start - forces)
-            for _ in range(passes):
-                change, exact = self(W, there, x)
-                if not exact:
-                    break
-                x = x + change
-                carried = carried + rigid.T @ change
-                there = there + S @ change + rigid @ carried
-            if exact:
-                yield x
-
-    def starts(
-        self, W: Compliance, gaps: np.ndarray, forces: np.ndarray
-    ) -> Iterator[np.ndarray]:
-        """Where other solutions are searched from, ``STARTS`` of them.
-
-        No contact, all rows sticking, all slips reversed, all friction at its bound; solutions with
-        other coefficients; solutions with other loads: more or less of it, rows that are pressed
-        or lifted, dragged one way or the other.
-        """
-        n, t = self.split(forces)
-        stuck = forces + _stuck(W, gaps)
-        bounds = np.tile(self.bound(stuck[: len(n)])[:, None], self.d)
-        pressing = np.maximum(n, stuck[: len(n)])
-        yield np.zeros_like(forces)
-        yield self.projected(stuck)
-        for tangents in (-t, bounds, -bounds):
-            yield self.projected(np.append(pressing, tangents))
-        for factor in FACTORS:
-            other = replace(self, coefficient=factor * self.coefficient)
-            yield self.projected(forces + other(W, gaps, forces)[0])
-        unloaded = gaps - W @ forces
-        size = np.abs(unloaded).max(initial=0.0)
-        normal = np.arange(len(gaps)) < len(n)
-        moved = [(factor - 1) * unloaded for factor in FACTORS]
-        moved += [shift * size * normal for shift in SHIFTS]
-        moved += [shift * size * ~normal for shift in SHIFTS]
-        for change in moved:
-            yield self.projected(forces + self(W, gaps + change, forces)[0])
 
 
 class _Trial(NamedTuple):
@@ -623,34 +383,6 @@ class _Equation:
         return change, False
 
 
-def of_rows(blocks: np.ndarray, A: np.ndarray) -> np.ndarray:
-    """``matrix_of_rows`` times a dense matrix: sparse products take longer for few rows."""
-    m, size = blocks.shape[:2]
-    n = A[:m, None]
-    t = A[m:].reshape(m, size - 1, A.shape[1])
-    parts = np.matmul(blocks, np.concatenate([n, t], axis=1))
-    return np.concatenate([parts[:, 0], parts[:, 1:].reshape(A[m:].shape)])
-
-
-def add_to_rows(A: np.ndarray, blocks: np.ndarray) -> None:
-    """Add ``matrix_of_rows`` to a dense matrix."""
-    m, size = blocks.shape[:2]
-    tangents = np.arange(m, m * size).reshape(m, size - 1)
-    places = np.concatenate([np.arange(m)[:, None], tangents], axis=1)
-    A[places[:, :, None], places[:, None, :]] += blocks
-
-
-def matrix_of_rows(blocks: np.ndarray) -> csr_matrix:
-    """The matrix (n, n) with these blocks of the forces of each row, (m, 1 + d, 1 + d)."""
-    m, size = blocks.shape[:2]
-    places = np.arange(m * size).reshape(m, size)
-    order = np.append(places[:, 0], places[:, 1:])
-    parts = blocks, np.arange(m), np.arange(m + 1)
-    found = bsr_matrix(parts, shape=(m * size,) * 2).tocsr()[order][:, order]
-    found.eliminate_zeros()
-    return found
-
-
-def _stuck(W: Compliance, gaps: np.ndarray) -> np.ndarray:
+def stuck_change(W: Compliance, gaps: np.ndarray) -> np.ndarray:
     """The change of the forces after which all rows are closed and stick."""
     return -np.linalg.lstsq(W.block(np.arange(len(gaps))), gaps, rcond=None)[0]

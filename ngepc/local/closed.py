@@ -18,9 +18,11 @@ from scipy.sparse import csr_matrix, vstack
 from scipy.sparse.linalg import splu
 
 from ngepc.discretisation.body import DiscreteBody
+from ngepc.linalg.box import TINY
 from ngepc.linalg.descent import Linear
 from ngepc.linalg.direct import FactorisationError
-from ngepc.linalg.friction import TINY, FrictionCone, matrix_of_rows
+from ngepc.linalg.friction import FrictionCone
+from ngepc.linalg.row_blocks import matrix_of_rows
 
 PARALLEL = 1e-8
 """Normals at a node with a smaller distance count as equal."""

@@ -20,7 +20,7 @@ from scipy.sparse import diags
 
 from ngepc.checks.sentences import counted
 from ngepc.discretisation.rows import HELD
-from ngepc.linalg.friction import matrix_of_rows
+from ngepc.linalg.row_blocks import matrix_of_rows
 from ngepc.local.system import State
 from ngepc.sensitivity.equations import Tape
 

@@ -18,7 +18,7 @@ from scipy.sparse.linalg import LinearOperator, gmres
 
 from ngepc.discretisation.factors import Factors
 from ngepc.linalg.direct import FactorisationError
-from ngepc.linalg.friction import matrix_of_rows
+from ngepc.linalg.row_blocks import matrix_of_rows
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.equations import Data, Tape

@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from ngepc.linalg.friction import FrictionCone, in_box
+from ngepc.linalg.box import in_box
+from ngepc.linalg.friction import FrictionCone
 from ngepc.linalg.secants import Compliance, solve_by_secants
 
 

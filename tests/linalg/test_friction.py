@@ -7,27 +7,30 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ngepc.linalg import friction
+from ngepc.linalg import box
+from ngepc.linalg.box import (
+    cut_off_at_bounds,
+    exchanged,
+    in_box,
+    lowered_in_box,
+    up_to_the_first_bound,
+)
 from ngepc.linalg.contact_states import (
     _Laws,
     can_be_enumerated,
     equilibria,
     states_of_rows,
 )
-from ngepc.linalg.friction import (
+from ngepc.linalg.friction import FrictionCone, _Equation
+from ngepc.linalg.other_forces import (
     FACTORS,
     SHIFTS,
     STARTS,
-    FrictionCone,
-    _Equation,
-    add_to_rows,
-    cut_off_at_bounds,
-    exchanged,
-    in_box,
-    lowered_in_box,
-    matrix_of_rows,
-    up_to_the_first_bound,
+    from_starts,
+    other_forces,
+    starts,
 )
+from ngepc.linalg.row_blocks import add_to_rows, matrix_of_rows
 from ngepc.linalg.secants import Compliance
 
 LAWS = ("Coulomb", "limited", "Tresca", "mixed", "tied")
@@ -320,7 +323,7 @@ def test_forces_may_reach_a_bound_without_pressing_on_it(method):
 @pytest.mark.parametrize("descents", [0, 1])
 def test_steps_that_descend_say_if_they_have_not_ended(descents, monkeypatch):
     """What they have by then obeys the bounds, and has no more energy than the start."""
-    monkeypatch.setattr(friction, "DESCENTS", descents)
+    monkeypatch.setattr(box, "DESCENTS", descents)
     random = np.random.default_rng(2)
     n = 20
     apart = np.arange(n)[:, None] - np.arange(n)
@@ -415,8 +418,8 @@ def test_enumeration_of_one_row(limit):
         counts.add(len(expected))
         if expected:
             x = np.array(expected[0])
-            other_forces = rule.other_forces(S, gaps + S @ x, x)
-            assert (other_forces is not None) == (len(distinct) > 1)
+            found = other_forces(rule, S, gaps + S @ x, x)
+            assert (found is not None) == (len(distinct) > 1)
         else:  # what is given back obeys the bounds
             change, exact = rule(Compliance.of(S), gaps + S @ forces, forces)
             n, t = forces + change
@@ -495,10 +498,10 @@ def test_searches_have_so_many_starts():
     W = Compliance.of(S)
     gaps = random.normal(size=len(S))
     x = rule(W, gaps, np.zeros(len(S)))[0]
-    starts = list(rule.starts(W, gaps + S @ x, x))
-    assert len(starts) == STARTS
-    assert min(np.abs(s).max() for s in starts) == 0
-    for start in starts:
+    found = list(starts(rule, W, gaps + S @ x, x))
+    assert len(found) == STARTS
+    assert min(np.abs(s).max() for s in found) == 0
+    for start in found:
         n, t = rule.split(start)
         assert (n >= 0).all()
         assert (np.linalg.norm(t, axis=1) <= rule.bound(n) + 1e-12).all()
@@ -514,12 +517,12 @@ def test_where_searches_start(d):
     gaps = random.normal(size=len(S))
     x = rule(Compliance.of(S), gaps, np.zeros(len(S)))[0]
     there = gaps + S @ x
-    starts = list(rule.starts(Compliance.of(S), there, x))
+    found = list(starts(rule, Compliance.of(S), there, x))
     stuck = -np.linalg.solve(S, gaps)
-    np.testing.assert_allclose(starts[1], rule.projected(stuck))
+    np.testing.assert_allclose(found[1], rule.projected(stuck))
 
     n, t = rule.split(x)
-    back, ahead, behind = (rule.split(start) for start in starts[2:5])
+    back, ahead, behind = (rule.split(start) for start in found[2:5])
     np.testing.assert_allclose(back[1], -t)
     for pressing, _ in (back, ahead, behind):
         np.testing.assert_allclose(pressing, np.maximum(n, np.maximum(stuck[:m], 0)))
@@ -529,7 +532,7 @@ def test_where_searches_start(d):
     np.testing.assert_allclose(ahead[1][presses_more], one_way[presses_more])
     np.testing.assert_allclose(behind[1], -ahead[1])
 
-    for factor, start in zip(FACTORS, starts[5:], strict=False):
+    for factor, start in zip(FACTORS, found[5:], strict=False):
         other = replace(rule, coefficient=factor * rule.coefficient)
         neighbour = other(Compliance.of(S), gaps, np.zeros(len(S)))[0]
         np.testing.assert_allclose(start, rule.projected(neighbour), atol=1e-12)
@@ -538,7 +541,7 @@ def test_where_searches_start(d):
     others = [factor * gaps for factor in FACTORS]
     others += [gaps + shift * size * normal for shift in SHIFTS]
     others += [gaps + shift * size * (1 - normal) for shift in SHIFTS]
-    for loaded, start in zip(others, starts[5 + len(FACTORS) :], strict=True):
+    for loaded, start in zip(others, found[5 + len(FACTORS) :], strict=True):
         assert offence(rule, start, loaded + S @ start) < 1e-10
 
 
@@ -624,11 +627,11 @@ def test_other_solutions_are_searched_from_starts():
     S = compliance(m * (1 + d), random)
     gaps = random.normal(size=len(S))
     x = rule(Compliance.of(S), gaps, np.zeros(len(S)))[0]
-    found = list(rule._from_starts(S, gaps + S @ x, x, np.zeros((len(x), 0))))
+    found = list(from_starts(rule, S, gaps + S @ x, x, np.zeros((len(x), 0))))
     assert len(found) > STARTS // 2
     for other in found:
         assert offence(rule, other, gaps + S @ other) < 1e-10
-    assert rule.other_forces(S, gaps + S @ x, x) is None
+    assert other_forces(rule, S, gaps + S @ x, x) is None
 
 
 def test_springs_of_a_floating_part_carry_nothing_of_what_a_search_finds():
@@ -643,7 +646,7 @@ def test_springs_of_a_floating_part_carry_nothing_of_what_a_search_finds():
     forces = np.append(np.full(m, 1.0), np.zeros(m * d))
     gaps = np.append(np.zeros(m), np.full(m * d, 0.3))
     load = rigid.T @ forces
-    found = list(law._from_starts(S + rigid @ rigid.T, gaps, forces, rigid))
+    found = list(from_starts(law, S + rigid @ rigid.T, gaps, forces, rigid))
     assert found
     for x in found:
         np.testing.assert_allclose(rigid.T @ x, load, atol=1e-8 * np.abs(load).max())
