@@ -63,7 +63,7 @@ campaigns: $(VENV)/.test
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results derivatives
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results equilibria
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results cones
-	PYTHONPATH=tests $(BIN)/python -m campaigns --out results receipts --count 5
+	PYTHONPATH=tests $(BIN)/python -m campaigns --out results receipts --count 10
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results limits
 	PYTHONPATH=tests $(BIN)/python -m campaigns --out results shakedown
 

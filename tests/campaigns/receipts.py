@@ -30,6 +30,8 @@ KINDS = ENERGIES + GOALS
 CHANGES = ("a little", "much", "sign", "zero", "swapped", "claim")
 WRONG = 1e-7
 """Part of the largest stress, displacement or interval that the judge calls wrong."""
+CHECKS = 3
+"""Of so many checks of a receipt the fastest counts."""
 MOST = 400
 """No more changes of one receipt are tried."""
 GROWTH = np.append(0.0, np.geomspace(1e-3, 1.0, 40))
@@ -528,6 +530,18 @@ def passes(arrays, header):
         return True
 
 
+def seconds_of_check(path):
+    """CPU seconds in which a receipt is checked."""
+    start = time.process_time()
+    check_receipt.check(str(path))
+    return time.process_time() - start
+
+
+def median_and_largest(values):
+    """The median of numbers, in brackets the largest."""
+    return f"{np.median(values):.2f} ({max(values):.2f})"
+
+
 def opened(path):
     """Arrays by name, and header of a receipt."""
     with np.load(path) as file:
@@ -601,9 +615,7 @@ class Receipts(Work):
                 write_receipt(result, path)
             except (ValueError, RuntimeError) as error:
                 return {"refused": str(error)}
-            start = time.process_time()
-            check_receipt.check(str(path))
-            checked = time.process_time() - start
+            checked = min(seconds_of_check(path) for _ in range(CHECKS))
             wrong = falsifies(*opened(path))
             failure = "the judge refuses the receipt" if wrong else ""
             random = np.random.default_rng([seed, number])
@@ -644,8 +656,8 @@ class Receipts(Work):
                 sum(len(r["passed"]) for r in group),
                 sum(r["harmless"] for r in group),
                 sum(r["harmless_passed"] for r in group),
-                f"{np.median([r['of_solve'] for r in group]):.2f}",
-                f"{np.median([r['of_both'] for r in group]):.2f}",
+                median_and_largest([r["of_solve"] for r in group]),
+                median_and_largest([r["of_both"] for r in group]),
             ]
             rows.append(dict(zip(HEAD, values, strict=True)))
         return rows
@@ -658,8 +670,8 @@ class Receipts(Work):
             "displacement, stress, pressure or claim is changed. An independent program without "
             "bounds decides whether this falsifies the claim. Receipts of goals also have an "
             "adjoint pair and claim an interval of a force or displacement. Harmless changes, "
-            "such as a yield stress where nothing yields, leave the claim true. CPU times are "
-            "medians.",
+            "such as a yield stress where nothing yields, leave the claim true. CPU times of "
+            "checks are medians, in brackets the largest.",
             f"{len(refused)} problems have no receipt.",
         ]
         lines += [f"- {r['kind']} {r['number']}: {r['refused']}" for r in refused]
