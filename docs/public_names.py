@@ -19,6 +19,8 @@ import ngepc
 
 COLON = "\ue000"  # stands for a colon until napoleon is done
 MARKUP = re.compile(r"(``.+?``|:\w+:`.+?`)")
+OUTSIDE = re.compile(r"\]\(\.\./((?:\.\./)*(?:results|notebooks)/)")
+"""Links of pages to the folders that the build copies beside them."""
 
 
 def names_of(module: str) -> list[str]:
@@ -101,7 +103,7 @@ def without_markup(line: str) -> str:
 
 
 def list_notes(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Complete the lists of notes.md and tables.md by pages not listed; mend links to results/."""
+    """Complete the lists of notes.md and tables.md by pages not listed."""
     listed = re.compile(r"^(?:.* <)?([\w/.]+)>?$", re.MULTILINE)
     if docname in ("notes", "tables"):
         app.env.note_reread()  # it depends on which pages there are
@@ -111,13 +113,18 @@ def list_notes(app: Sphinx, docname: str, source: list[str]) -> None:
         known = {name for text in texts for name in listed.findall(text)} | {"index"}
         pages = {f"{folder}{page.stem}" for page in (home / folder).glob("*.md")}
         source[0] += "\n".join(sorted(pages - known)) + "\n```\n"
-    elif "/" not in docname:
-        source[0] = source[0].replace("](../results/", "](results/")
+
+
+def mend_links(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Lead links that leave this folder, as GitHub needs them, to the copies in it."""
+    if not docname.startswith(("results/", "notebooks/")):
+        source[0] = OUTSIDE.sub(r"](\1", source[0])
 
 
 def setup(app: Sphinx) -> dict:
     """Register."""
     app.connect("source-read", list_notes)
+    app.connect("source-read", mend_links)
     app.add_directive("public-names", PublicNames)
     app.connect("autodoc-process-docstring", plain_text, priority=400)
     app.connect("autodoc-process-docstring", colons_back, priority=600)
