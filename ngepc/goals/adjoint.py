@@ -35,6 +35,8 @@ from ngepc.local.system import State
 TOUCHES = 1e-10  # fraction of the largest force of a row above which it presses
 UNBALANCED = 1e-8
 """Works on rigid motions relative to the sum of the forces that count as zero."""
+ALONG = 1e-8
+"""Smaller parts of a unit vector are not held by supports."""
 HOLDS = 20  # largest number of passes until no more rows are held
 LOOSEST = 1e-3
 HELD = 0.3
@@ -253,7 +255,8 @@ class AdjointProblem(AdjointConditions):
     def presses(self) -> np.ndarray:
         """Active contact rows, and with friction those that stick, as booleans.
 
-        Of nodes with more rows than components, such as corners, the normal ones alone.
+        Of nodes with more rows than components, such as corners, and where supports hold a part of
+        the slip, the normal ones alone: a motion of the support may contradict the others.
         """
         multipliers = self.state.multipliers
         active = multipliers > TOUCHES * max(multipliers.max(initial=0.0), 1e-300)
@@ -262,7 +265,16 @@ class AdjointProblem(AdjointConditions):
         sticks = (bound > 0) & ~self.state.sliding
         d = conditions.friction.d
         dependent = dependent_forces(conditions.rows, d)[self._normals :]
-        return np.append(active, np.repeat(sticks, d) & ~dependent)
+        fixed = self._slips_in_part_held(d)
+        return np.append(active, np.repeat(sticks, d) & ~dependent & ~fixed)
+
+    def _slips_in_part_held(self, d: int) -> np.ndarray:
+        """Slips, ``d`` of each row, of nodes that a support holds along a part of them."""
+        discrete = self.bound_data.discrete
+        nodes = np.repeat(discrete.rows.nodes, d)
+        along = discrete.rows.tangents[:, :d].reshape(len(nodes), discrete.problem.N)
+        kept = discrete.supports.kept_at(nodes, along)
+        return (np.abs(along - kept) > ALONG).any(axis=1)
 
     def _most(self, factor: float) -> np.ndarray:
         """The largest forces of the rows of an adjoint, for lambda."""

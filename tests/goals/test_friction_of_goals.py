@@ -1,12 +1,13 @@
 """Intervals of goals with Tresca's friction."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from campaigns.crossings import finer
 from campaigns.intervals import value_of
-from ngsolve import x
+from ngsolve import x, y
 
 from ngepc import (
     ContactForceOn,
@@ -14,6 +15,7 @@ from ngepc import (
     MeanDisplacement,
     Problem,
     Reaction,
+    Roller,
     goal_bound,
     semismooth_newton,
     solve_to,
@@ -117,6 +119,36 @@ def test_friction_of_walls_that_meet(friction, order):
         value = value_of(fine, goal)
         assert found.lower <= value <= found.upper
         assert found.width < 1.2 * abs(value)
+
+
+def in_a_guide(n, angle, order):
+    """Half of a block that a rough plate presses, held by two planes, one beside the plate."""
+    c, s = math.cos(angle), math.sin(angle)
+    mesh = block.structured_mesh(n, n, simplices=True)
+    vertices = np.asarray(mesh.ngmesh.Coordinates())
+    vertices[:] = vertices @ [[c, s], [-s, c]]
+    along, up = np.array([c, s]), np.array([-s, c])
+    return Problem(
+        mesh,
+        MATERIAL,
+        None,
+        prescribed={"left": Roller(), "clamped": Roller()},
+        traction={"right": tuple(0.8 * along + 0.2 * up)},
+        contact="contact",
+        gap=2e-4 * (c * x + s * y) - 3e-4,
+        friction=0.15,
+        order=order,
+    )
+
+
+@pytest.mark.parametrize(("angle", "order"), [(0.0, 1), (0.0, 2), (0.4, 2)])
+def test_a_support_beside_friction(angle, order):
+    """Balance alone says 2 F for the width; a vertex that had to move and stick made it 1e14."""
+    result = semismooth_newton(in_a_guide(3, angle, order))
+    fine = semismooth_newton(in_a_guide(12, angle, 2))
+    found = goal_bound(result, Reaction("left", 0))
+    assert found.lower <= fine.equilibrium.reactions["left"][0] <= found.upper
+    assert found.width < 2 * 0.15
 
 
 def test_without_bound_friction_is_none():
