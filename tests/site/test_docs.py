@@ -202,6 +202,11 @@ def test_links_of_the_sources_lead_somewhere():
     assert [f"{name(path)} links to {target}" for path, target in broken] == []
 
 
+def test_links_have_words():
+    """GitHub shows nothing where a link has no text, however well the site fills it in."""
+    assert [name(p) for p in PAGES if "[](" in p.read_text(encoding="utf-8")] == []
+
+
 class Page(HTMLParser):
     """What a page of the site links to, loads, and offers as anchors."""
 
