@@ -12,8 +12,9 @@ and slopes of chords bound slopes of tangents: with upper and lower bounds of en
 
 The width falls as the square root of the energy error: the goal itself is far more accurate.
 
-The gap between two bodies is that of the mesh and has no nearby values, and an obstacle that meets
-a clamp cannot come nearer there: the bracket of these forces is the interval of ``goal_bound``.
+The gap between two bodies is that of the mesh and has no nearby values, and an obstacle cannot come
+nearer where a support holds the normal displacement: the bracket of these forces is the interval of
+``goal_bound``.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ def contact_force_bracket(result: ExactResult) -> Bracket:
     ----------
     result
         A result of ``semismooth_newton`` without gamma; its problem is solved two to six times
-        more, from there, but for two bodies and at clamps, see ``goal_bound``.
+        more, from there, but for two bodies and at supports, see ``goal_bound``.
 
     Raises
     ------

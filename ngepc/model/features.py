@@ -12,20 +12,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from ngepc.checks.arguments import is_number
 from ngepc.checks.sentences import in_words
 from ngepc.model.data import ProblemData
-from ngepc.model.elements import (
-    corner_vertices,
-    has_elements_with,
-    has_more_corners,
-    is_straight,
-)
+from ngepc.model.elements import has_elements_with, has_more_corners, is_straight
 from ngepc.model.kinematics import KINEMATICS
 from ngepc.model.places import Coulomb, Roller
-from ngepc.model.support import floating_motions
+from ngepc.model.support import floating_motions, holds_contact
 
 Found = Mapping[str, object]
 """Argument of ``Problem`` -> its value, for arguments that have a feature; empty without it."""
@@ -179,10 +172,8 @@ def _coulomb(problem: ProblemData) -> Found:
 
 
 def _meeting(problem: ProblemData) -> Found:
-    """Contact that meets a clamped boundary."""
-    names = (problem.clamped_names, problem.contact_names)
-    ends = (corner_vertices(problem.mesh, some) for some in names)
-    return {"contact": problem.contact} if np.intersect1d(*ends).size else {}
+    """Contact that meets a clamp, or another support that holds its normal displacement."""
+    return {"contact": problem.contact} if holds_contact(problem) else {}
 
 
 def _rollers(problem: ProblemData) -> Found:
@@ -254,7 +245,7 @@ FEATURES = {
     "friction": _feature("contact without friction", _present, "friction"),
     "Coulomb friction": _feature("a given bound F of friction", _coulomb),
     "contact at a clamp": _feature(
-        "contact away from the clamped boundary, (2.2)", _meeting
+        "contact away from supports that hold its normal displacement, (2.2)", _meeting
     ),
     "rollers": _feature(_BOUNDARIES, _rollers),
     "edges and points": _feature(_BOUNDARIES, _on_edges_and_points),

@@ -186,6 +186,17 @@ def check_free_normal(problem: ProblemData, held: np.ndarray) -> None:
             _check_roller_on_contact(problem, name, place, vertices, normal)
 
 
+def holds_contact(problem: ProblemData) -> bool:
+    """Whether a support holds the whole normal displacement at a vertex of contact."""
+    fixed = ~np.isnan(held_values(problem))
+    for name in problem.contact_names:
+        vertices, normal = values_at(problem.normal, problem.mesh, name)
+        free = np.linalg.norm(np.where(fixed[vertices], 0.0, normal), axis=1)
+        if (free <= HELD_NORMAL).any():
+            return True
+    return False
+
+
 def _check_held_on_contact(
     problem: ProblemData,
     name: str,

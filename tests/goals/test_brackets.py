@@ -93,6 +93,19 @@ def test_body_forces_are_goals_and_loads():
     assert bracket.discrete == pytest.approx(exact, rel=0.05)
 
 
+def test_an_obstacle_beside_a_support():
+    """A clamp is a support with zeros; nearer obstacles would not leave it the normal."""
+    mesh = block.structured_mesh(4, 4, simplices=True)
+    pushed = {"contact": "contact", "gap": 2e-5 - 4e-4 * x}
+    load = {"right": (0.3, 1.0)}
+    clamped = Problem(mesh, MATERIAL, "left", load, **pushed)
+    held = Problem(mesh, MATERIAL, None, load, prescribed={"left": (0, 0)}, **pushed)
+    one, other = (contact_force_bracket(semismooth_newton(p)) for p in (clamped, held))
+    assert 0 < one.lower < one.discrete < one.upper
+    assert other.lower == pytest.approx(one.lower, rel=1e-9)
+    assert other.upper == pytest.approx(one.upper, rel=1e-9)
+
+
 def test_no_contact_force_where_nothing_touches():
     bracket = contact_force_bracket(semismooth_newton(example("wrench", 123)))
     assert bracket.lower == bracket.discrete == 0

@@ -109,6 +109,17 @@ def test_each_feature_is_found():
         assert found == {name} | IMPLIED.get(name, set()), name
 
 
+def test_a_support_that_holds_what_a_clamp_holds_has_its_features():
+    """A clamp is a support with zeros; one that leaves the normal of contact free is none."""
+    clamped = replace(PLAIN, clamped="left", **CONTACT)
+    held = replace(clamped, clamped=None, prescribed={"left": (0, 0)})
+    sliding = replace(PLAIN, prescribed={"left": (0, None)}, **CONTACT)
+    pressed = replace(PLAIN, prescribed={"left": (None, 0)}, **CONTACT)
+    assert set(held.features) == set(clamped.features)
+    assert "contact at a clamp" not in sliding.features
+    assert "contact at a clamp" in pressed.features
+
+
 def test_a_feature_says_argument_and_value():
     problem = replace(PLAIN, friction=0.5, **CONTACT)
     assert problem.features["friction"] == ("friction", 0.5)
