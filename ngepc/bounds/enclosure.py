@@ -256,18 +256,3 @@ def affine_below(
     heights = np.minimum(np.array(found) - least, change[:, None])
     best = heights.sum(axis=2).argmax(axis=0)
     return np.array(found)[best, np.arange(len(low))]
-
-
-def cut_facets(
-    facets: FacetCorners, rows: np.ndarray, corners: np.ndarray
-) -> FacetCorners:
-    """The parts of some facets, one facet after the other, as facets.
-
-    ``corners`` (parts, N, N) are barycentric.
-    """
-    given = facets.places[rows]
-    places = np.einsum("pcv,fvk->fpck", corners, given.low)
-    error = (ROUNDING * given.size + given.width).max(axis=1)
-    owner = np.repeat(np.arange(len(rows)), len(corners))
-    cut = Intervals.around(places.reshape(-1, *places.shape[2:]), error[owner][:, None])
-    return FacetCorners(cut, lambda one: facets.values(one)[rows][owner])

@@ -22,6 +22,8 @@ any number of iterations.
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import copy
 from itertools import islice
 from typing import NamedTuple
@@ -121,6 +123,15 @@ class Faces:
         result = copy(self)
         result._inverse = np.empty_like(self._inverse)
         return result
+
+    @contextmanager
+    def holding(self, normals: np.ndarray) -> Iterator[None]:
+        """Meanwhile delta is held along unit vectors (3 nf, 3), too; zero where it is not."""
+        self.closed = normals
+        try:
+            yield
+        finally:
+            self.closed = None
 
     def fill(self, H: np.ndarray, loads: np.ndarray) -> np.ndarray:
         """Set the compliances d2 phi*/dz2 of the tetrahedra, (nt, 6, 6), and the blocks of S.
@@ -443,16 +454,17 @@ class SolidBoundData(BoundData):
             return P, None
         slots = 3 * on[:, None] + np.arange(3)
         normals = self.cells.normal[on][:, None]
-        faces.closed = np.zeros(faces.free.shape)
-        faces.closed[slots] = closed[:, :, None] * normals
+        along = np.zeros(faces.free.shape)
+        along[slots] = closed[:, :, None] * normals
         w = self.foundation.affine(state.u)
         given = self.foundation.added(self.loads(state, P)[0], w)
         b = given.reshape(-1, 3) - self.cells.sums(own)
         start = np.zeros(faces.free.shape)
         left = self.contact.affine_slack(state.u)
         start[slots] = (closed * left)[:, :, None] * normals
-        found = self.displacements(tangent, b, LOOSER * self.effort.gain, (start, 0.0))
-        faces.closed = None
+        with faces.holding(along):
+            gain = LOOSER * self.effort.gain
+            found = self.displacements(tangent, b, gain, (start, 0.0))
         sums = self.cells.sums(own + faces.moments(faces.stresses(found[0])))
         pulled = self.foundation.added(np.zeros_like(given), w).reshape(-1, 3)
         sums = sums - pulled + self.foundation.pulled(found[0])
