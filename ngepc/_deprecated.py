@@ -40,7 +40,7 @@ MOVED = {
     "ngepc.bounds.verdicts.confidence": "ngepc.goals.verdicts.confidence",
     "ngepc.bounds.verdicts.verdict": "ngepc.goals.verdicts.verdict",
     "ngepc.discretisation.balance.Balance": "ngepc.discretisation.body.Iterate",
-    "ngepc.discretisation.balance.Floating": "ngepc.discretisation.body.Floating",
+    "ngepc.discretisation.balance.Floating": "ngepc.discretisation.floating.Floating",
     "ngepc.discretisation.balance.Frame": "ngepc.discretisation.body.DiscreteBody",
     "ngepc.discretisation.law.VonMisesLaw": "ngepc.discretisation.von_mises_law.VonMisesLaw",
     "ngepc.dual.algorithm.note": "ngepc.dual.algorithm.record",

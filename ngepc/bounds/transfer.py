@@ -20,7 +20,6 @@ from ngepc.bounds.coverage import check_covered, varies_inside
 from ngepc.bounds.matching import matched
 from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.simplices import marked
-from ngepc.discretisation.body import Floating
 from ngepc.discretisation.loads import displacement_space, nodal
 from ngepc.discretisation.points import Points, on_children
 from ngepc.local.result import ExactResult
@@ -212,7 +211,7 @@ def discrete_on(old: ExactResult, mesh: Mesh, parents: np.ndarray) -> DiscretePr
     """
     discrete = DiscreteProblem(on_mesh(old.problem, mesh, parents))
     if not old.discrete.floating.centres:
-        discrete.floating = Floating(discrete, fixed=True)
+        discrete.floating = discrete.floating_parts([])
     return discrete
 
 

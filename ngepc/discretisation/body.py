@@ -1,38 +1,24 @@
-"""The discretised body (supports, contact rows, loads), and the residual of an iterate.
-
-Some parts of a body may be held by contact alone.  Rigid motions z of such a
-part need no energy, so that J has a minimum only if forces of contact can balance the loads l on
-all of them: there are admissible forces x of the rows with
-
-    l(z) = x . R z    for all z that the supports leave free.
-
-This is a small linear program, because a part has at most six rigid motions.  In a solution the
-rows with pressure or sticking friction determine z; a motion that vanishes on all of them is
-undetermined.
-"""
+"""The discretised body (supports, contact rows, loads), and the residual of an iterate."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from copy import copy
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy
 from ngsolve import H1, LinearForm, dx, specialcf
-from numpy.linalg import matrix_rank
-from scipy.linalg import eigvalsh
-from scipy.sparse import csr_matrix, diags, eye, hstack, vstack
+from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.conditions import ContactConditions
+from ngepc.discretisation.floating import LOOSE, Floating, LooselyHeld
 from ngepc.discretisation.loads import Supports, applied_forces
 from ngepc.discretisation.prolongation import nodal_values
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.linalg.secants import Compliance
 from ngepc.model.data import same_fields
-from ngepc.model.elements import plastic_points, vertex_coordinates
+from ngepc.model.elements import plastic_points
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.model.processes import Team
 from ngepc.model.support import floating_motions, held_directions
@@ -44,20 +30,7 @@ TOUCHING = 1e-12  # a gap is open beyond this fraction of the largest displaceme
 ROUNDING_SCALE = 4e-6
 """Part of |K| |u| that residuals are relative to, in a body without forces."""
 
-SOFT = {False: 1e-4, True: 1e-3}
-"""Approximate stiffness of all springs of a floating part relative to that of the part, without
-and with friction.  With friction 1e-4 saves one Newton step of four, but 2 of 120 random problems
-failed."""
-
-LOOSE = 1e-6
-"""Springs with a smaller stiffness than this part of the body's hold a rigid motion loosely."""
-
-STIFFER = 1e-2
-"""As ``SOFT``, of the springs with which contact of a loosely held part is found."""
-
 DRIFT = 0.99  # part of a residual that comes from rigid motions if it is called drift
-SMALL = 1e-6  # smaller parts of the loads or of a motion count as zero
-
 
 ROWS = ("contact", "friction")
 """Fields of a problem that determine its contact rows, except for their gaps, and their law."""
@@ -107,15 +80,27 @@ class DiscreteBody:
     @cached_property
     def floating(self) -> Floating:
         """The parts that are held by contact alone."""
-        return Floating(self)
+        return self.floating_parts(floating_motions(self.problem))
+
+    def floating_parts(self, found: list[tuple[np.ndarray, np.ndarray]]) -> Floating:
+        """The same for motions and vertices of these parts."""
+        diagonal = self.stiffness_diagonal if found else np.zeros_like(self.load)
+        return Floating(found, self.problem, self.contact, diagonal)
+
+    @cached_property
+    def unheld(self) -> str:
+        """A message if contact cannot balance the loads; empty if it can."""
+        return self.floating.unheld(self.load)
 
     @cached_property
     def loosely_held(self) -> LooselyHeld | None:
         """The parts that springs much softer than the body hold, if there are any."""
         springs = self.problem.springs
         found = floating_motions(self.problem, springs=False) if springs else []
-        held = LooselyHeld(self, found) if found else None
-        return held if held and held.share < LOOSE else None
+        if not found:
+            return None
+        held = LooselyHeld(found, self.problem, self.supports, self.stiffness_diagonal)
+        return held if held.share < LOOSE else None
 
     @cached_property
     def added(self) -> csr_matrix:
@@ -341,156 +326,3 @@ class Iterate:
         if size == 0 or self.force_scale == 0:  # an obstacle that pushes a body at rest
             return float(size > 0)
         return size / self.force_scale
-
-
-class LooselyHeld:
-    """Parts in contact that are held by springs otherwise, and soft ones.
-
-    Without contact they would travel so far that Newton's method does not find back.
-    """
-
-    share: float
-    """Least stiffness of the springs against a rigid motion, as a part of the body's, >= 0."""
-    springs: csr_matrix
-    """Stiffer ones that resist the change of a Newton step, u flattened node by node."""
-
-    def __init__(
-        self, body: DiscreteBody, found: list[tuple[np.ndarray, np.ndarray]]
-    ) -> None:
-        diagonal = body.stiffness_diagonal
-        x = vertex_coordinates(body.problem.mesh)
-        soft = STIFFER / len(diagonal)
-        self.springs = diags((soft * diagonal).ravel(), format="csr")
-        shares = [self._share(body, motions) for motions, _ in found]
-        self.share = min(shares)
-        _, vertices = found[int(np.argmin(shares))]
-        self._centre = ", ".join(f"{c:.3g}" for c in x[vertices].mean(axis=0))
-
-    def _share(self, body: DiscreteBody, motions: np.ndarray) -> float:
-        """The least ratio of the energies of springs and of the diagonal of the stiffness."""
-        z = np.zeros((*body.load.shape, motions.shape[2]))
-        z[: len(motions)] = motions
-        own = np.einsum("nia,ni,nib->ab", z, body.stiffness_diagonal, z)
-        flat = z.reshape(body.load.size, -1)
-        ratios = eigvalsh(flat.T @ (body.supports.stiffness @ flat), own)
-        return max(float(ratios[0]), 0.0)
-
-    @property
-    def sentence(self) -> str:
-        """What is wrong if no solution was found."""
-        return (
-            f"The springs of the part around ({self._centre}) have {self.share:.1g} of its own "
-            "stiffness against one of its rigid motions: stiffer ones are needed, along all axes "
-            "(a single number per place resists the normal displacement alone), or another support."
-        )
-
-
-class Floating:
-    """The rigid motions of a body that only contact can hold."""
-
-    centres: list[np.ndarray]  # of the parts
-    motions: np.ndarray  # shape (nodes, N, motions); values at edges are zero
-    springs: np.ndarray
-    """Weak springs of the tangent, shape (nodes, N), zero if no part floats: they resist the change
-    of a Newton step, not the displacement, and the convergence factor is about SOFT."""
-
-    def __init__(self, body: DiscreteBody, *, fixed: bool = False) -> None:
-        """``fixed`` says that no part floats, if that is known."""
-        self._contact = body.contact
-        self._load = body.load
-        found = [] if fixed else floating_motions(body.problem)
-        x = vertex_coordinates(body.problem.mesh)
-        self.centres = [x[vertices].mean(axis=0) for _, vertices in found]
-        self.motions = np.zeros((*body.load.shape, sum(m.shape[2] for m, _ in found)))
-        if found:
-            self.motions[: len(x)] = np.concatenate(
-                [motions for motions, _ in found], axis=2
-            )
-        self._on_rows = body.contact.matrix @ self.motions.reshape(body.load.size, -1)
-        self.springs = np.zeros_like(body.load)
-        if found:
-            soft = SOFT[body.contact.friction.d > 0]
-            self.springs = soft / len(body.load) * body.stiffness_diagonal
-
-    def of_loads(self, body: DiscreteBody) -> Floating:
-        """The same motions for a body with other loads and gaps."""
-        other = copy(self)
-        other._contact = body.contact
-        other._load = body.load
-        return other
-
-    @cached_property
-    def compliance(self) -> np.ndarray:
-        """C with C C' = R Z (Z' K Z)^-1 Z' R', the compliance of the rows by these springs K."""
-        stiffness = np.einsum(
-            "nia,ni,nib->ab", self.motions, self.springs, self.motions
-        )
-        return np.linalg.solve(np.linalg.cholesky(stiffness), self._on_rows.T).T
-
-    @cached_property
-    def unheld(self) -> str:
-        """A message if contact cannot balance the loads; empty if it can.
-
-        It can if the minimum over x of the sum of |l(z) - x . R z| over the motions z is zero, with
-        forces in units of the loads.  Tangential forces may reach the corners of the box around the
-        cone of friction: hence a message is certain, but no message does not prove that friction is
-        sufficient.
-        """
-        size = np.abs(self._load).sum()
-        if not self.centres or size == 0:
-            return ""
-        n, k = self._on_rows.shape
-        tied = self._contact.rows.tied
-        friction = self._contact.friction
-        m = len(tied)
-        row = np.repeat(np.arange(m), friction.d)
-
-        # The unknowns: forces x of the rows, then positive and negative parts of l(z) - x . R z.
-        most = np.append(np.full(m, np.inf), friction.cap[row] / size)
-        least = np.append(np.where(tied, -np.inf, 0.0), -most[m:])
-        ranges = [*zip(least, most, strict=True), *[(0, None)] * (2 * k)]
-        work = np.hstack([self._on_rows.T, np.eye(k), -np.eye(k)])
-        wanted = np.einsum("ni,nik->k", self._load, self.motions) / size
-        cost = np.concatenate([np.zeros(n), np.ones(2 * k)])
-
-        # Coulomb's law, component by component: -mu n <= t <= mu n.
-        by_pressure = np.flatnonzero(~friction.given[row])
-        count = len(by_pressure)
-        pressing = row[by_pressure]
-        entries = (friction.coefficient[pressing], (np.arange(count), pressing))
-        bound = csr_matrix(entries, (count, m))
-        tangents = eye(n - m, format="csr")[by_pressure]
-        zero = csr_matrix((count, 2 * k))
-        limits = vstack([hstack([-bound, s * tangents, zero]) for s in (1, -1)])
-
-        given = {"A_ub": limits, "b_ub": np.zeros(limits.shape[0])}
-        found = scipy.optimize.linprog(
-            cost, A_eq=work, b_eq=wanted, bounds=ranges, **given
-        )
-        if found.fun <= SMALL:
-            return ""
-        centre = ", ".join(f"{c:.3g}" for c in self.centres[-1])
-        return f"Contact cannot hold the part around ({centre}) against its loads."
-
-    def drift(self, residual: np.ndarray) -> np.ndarray:
-        """The part of nodal forces, shape (nodes, N), that comes from rigid motions.
-
-        A Newton step in which nothing but the weak springs S resists leaves forces S z of a motion.
-        """
-        dot = self._contact.processes.dot
-        forces = np.moveaxis(self.springs[:, :, None] * self.motions, 2, 0)
-        gram = np.array([[dot(a, b) for b in forces] for a in forces])
-        work = np.array([dot(a, residual) for a in forces])
-        return np.tensordot(np.linalg.solve(gram, work), forces, 1)
-
-    def undetermined(self, forces: np.ndarray) -> int:
-        """Number of rigid motions that active and sticking rows do not prevent."""
-        if not self.centres:
-            return 0
-        normal = self._contact.normal(forces)
-        bound = self._contact.bound(forces)
-        presses = np.abs(normal) > SMALL * np.abs(normal).max(initial=0.0)
-        size = np.linalg.norm(self._contact.tangential(forces), axis=1)
-        sticks = np.repeat(size < (1 - SMALL) * bound, self._contact.friction.d)
-        on_rows = self._on_rows[np.append(presses, sticks)]
-        return self._on_rows.shape[1] - int(matrix_rank(on_rows, tol=SMALL))

@@ -54,7 +54,7 @@ class DiscreteProblem(DiscreteBody):
         self.points = points or points_of(problem, self.supports)
         self.law = law_of(problem, self.points)
         if like is not None and self.floats_like(like):
-            vars(self)["floating"] = like.floating.of_loads(self)
+            vars(self)["floating"] = like.floating
         if like is None or not self.has_tangents_of(like):
             return
         vars(self)["stiffness"] = like.stiffness

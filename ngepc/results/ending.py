@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ngepc.checks.sentences import counted
-from ngepc.discretisation.body import EPSILON, SMALL, Iterate
+from ngepc.discretisation.body import EPSILON, Iterate
+from ngepc.discretisation.floating import SMALL
 from ngepc.model.elements import largest_slenderness
 from ngepc.results.outcome import History, Status
 
@@ -43,8 +44,8 @@ def end_of(
             return Status.CONVERGED, ""
         if steps < max_iterations and not keeps_falling(history, max_iterations):
             return None, ""
-    if here.body.floating.unheld:
-        return Status.UNHELD, here.body.floating.unheld
+    if here.body.unheld:
+        return Status.UNHELD, here.body.unheld
     if here.flowing > FREE:
         return Status.LIMIT_LOAD, (
             f"After {counted(steps, 'step')} |p| reaches {here.flowing:.2g} where the material no "

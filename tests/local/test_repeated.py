@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ngsolve import x
 
-from ngepc import Coulomb, Material, Problem, Roller, semismooth_newton
+from ngepc import Coulomb, Material, Problem, Roller, Status, semismooth_newton
 from ngepc.geometries import block
 from ngepc.local.solver import RepeatedSolver
 
@@ -132,3 +132,22 @@ def test_what_is_learned_of_the_compliance_is_not_kept():
     u = second.displacement.vec.FV().NumPy()
     np.testing.assert_array_equal(u, first.displacement.vec.FV().NumPy())
     np.testing.assert_array_equal(second.state.contact, first.state.contact)
+
+
+def test_each_load_is_asked_whether_contact_can_hold_it():
+    """The answer for the first load was that for all: solvable steps were ``unheld``."""
+    rests = Problem(
+        block.structured_mesh(2, 2, simplices=True),
+        METAL,
+        None,
+        prescribed={"left": (0, None)},
+        contact="clamped",
+        gap=0.0,
+        body_force=(0.0, -0.1),
+    )
+    lifted = rests.changed(body_force=(0.0, 0.1))
+    expected = [(rests, Status.CONVERGED), (lifted, Status.UNHELD)]
+    for sequence in (expected, expected[::-1]):
+        solver = RepeatedSolver()
+        for body, status in sequence:
+            assert solver(body).status is status
