@@ -9,10 +9,9 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from ngsolve import CoefficientFunction
 
 from ngepc.bounds.bound import error_bound
-from ngepc.checks.arguments import is_number, sample
+from ngepc.checks.arguments import is_number, require_components, sample
 from ngepc.checks.sentences import at_most_percent, counted, in_percent
 from ngepc.evolution.result import Evolution
 from ngepc.goals.goal_bound import goal_bound
@@ -270,9 +269,7 @@ def _loads(problem: Problem, units: UnitNames) -> Rows:
     for place, value in problem.single("pressure").items():
         rows.append(row(f"load on {place!r}", f"pressure {amount(value, stress)}"))
     for place, value in problem.single("traction").items():
-        known = (
-            problem.loads[place] if isinstance(value, CoefficientFunction) else value
-        )
+        known = require_components("traction", value, problem.N)
         values = values_at(known, problem.mesh, place)[1]
         kind = "traction" if isinstance(place, str) else "force"
         unit = stress if isinstance(place, str) else ""

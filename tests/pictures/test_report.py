@@ -137,6 +137,18 @@ def test_loads_are_described_by_their_components_where_these_are_constant():
     assert vector(0 * turned) == "(0, 0)"
 
 
+@pytest.mark.parametrize(
+    "traction", [(1.6, 0.4), CF((1.6, 0.4)), (CF(1.6), 0.4), [1.6, CF(0.4)]]
+)
+def test_a_traction_is_described_without_the_pressure_beside_it(traction):
+    material = lshape_primal().problem.material
+    mesh = block.structured_mesh(2, 2)
+    loads = {"traction": {"right": traction}, "pressure": {"right": 0.2}}
+    rows = describe_problem(Problem(mesh, material, "left", **loads))
+    said = [row["value"] for row in rows if row["quantity"] == "load on 'right'"]
+    assert said == ["pressure 0.2", "traction (1.6, 0.4)"]
+
+
 def test_a_material_is_described_as_it_was_given():
     metal = {"young": 210e3, "poisson": 0.3, "yield_stress": 240.0}
     steel = Material.metal(**metal, tangent_modulus=2100.0)
