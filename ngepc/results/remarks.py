@@ -13,6 +13,7 @@ from ngepc.discretisation.finer import unresolved_data
 from ngepc.discretisation.gap_records import nearer_between_nodes
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.sampled import what_is_unseen
+from ngepc.discretisation.shared_forces import range_of_force
 from ngepc.model.data import order_note
 from ngepc.model.elements import plastic_points, vertex_coordinates
 from ngepc.model.problem import Problem
@@ -22,6 +23,9 @@ from ngepc.results.outcome import Status
 
 UNBALANCED = 1e-3
 """Loads and reactions that differ by a larger part of the loads are said."""
+
+UNSHARED = 1e-3
+"""Contact forces that are determined up to a smaller part of themselves are not spoken of."""
 
 FEW_FACETS = 4
 """Fewer facets in contact do not resolve a contact zone."""
@@ -52,6 +56,7 @@ def remarks_on(result: Any, points: Points | None, hidden: float) -> list[str]:
         without_motion(result),
         deformed_much(result),
         few_facets(result.contact_facets, result.contact_nodes),
+        shared_in_many_ways(result),
         undetermined(result),
         overlaps_between_nodes(result, hidden),
         overlaps_of_supports(result),
@@ -117,6 +122,20 @@ def deformed_much(result: Any) -> str:
     if strain <= SMALL_STRAIN and rotation <= SMALL_ROTATION:
         return ""
     return large_motion(strain, rotation, large_part(result.fields))
+
+
+def shared_in_many_ways(result: Any) -> str:
+    """A remark on a contact force that depends on how boundaries share that of a node."""
+    if not result.status.is_solution:
+        return ""
+    low, high = range_of_force(result.state)
+    if high - low <= UNSHARED * high:
+        return ""
+    return (
+        "Where contact boundaries with friction meet, many divisions of the force of a node "
+        f"between them are in equilibrium: the contact force is {result.contact_force:.5g}, one "
+        f"of {low:.5g} to {high:.5g} with the same displacements and stresses."
+    )
 
 
 def undetermined(result: Any) -> str:
