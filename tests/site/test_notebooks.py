@@ -339,6 +339,15 @@ def test_runs_from_top_to_bottom(path, execute, tmp_path):
         assert not any("Error" in o.get("text", "") for o in outputs)
 
 
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=name)
+def test_no_output_is_caught_in_a_widget(path):
+    """Where ``interactive`` catches outputs, nbclient may miss that a cell has ended."""
+    text = path.read_text(encoding="utf-8")
+    assert not re.search(
+        r"\b(interact|interactive|interactive_output|Output)\b\(", text
+    )
+
+
 @pytest.mark.notebooks
 def test_pictures_are_drawn_without_the_viewer(execute, tmp_path):
     notebook = coarser(FOLDER / "01_first_solve.ipynb")
