@@ -58,7 +58,7 @@ class WarmSolver(RepeatedSolver):
         The status is STOPPED, as it is not a solution; see its residual.
         """
         self._next = None
-        if self.last is None or self._tangent is None:
+        if self.last is None or self._tangent is None or self._tangent.moduli is None:
             return None
         discrete = self.discretised(problem)
         if discrete.stiffness is not self._discrete.stiffness:

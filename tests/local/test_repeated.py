@@ -6,9 +6,19 @@ import numpy as np
 import pytest
 from ngsolve import x
 
-from ngepc import Coulomb, Material, Problem, Roller, Status, semismooth_newton
+from ngepc import (
+    Coulomb,
+    Material,
+    Problem,
+    Roller,
+    Status,
+    evolve,
+    load_cycle,
+    semismooth_newton,
+)
 from ngepc.geometries import block
 from ngepc.local.solver import RepeatedSolver
+from ngepc.local.warm import WarmSolver
 
 METAL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=10.0
@@ -151,3 +161,30 @@ def test_each_load_is_asked_whether_contact_can_hold_it():
         solver = RepeatedSolver()
         for body, status in sequence:
             assert solver(body).status is status
+
+
+@pytest.mark.parametrize("contact", ["contact", ("contact", "right")])
+def test_unloading_an_elastic_body_takes_no_steps(contact):
+    """Steps went on until numbers underflow, 11 to 31, beside two walls to no solution at all."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    pulled = Problem(
+        mesh, METAL, traction={"left": (-0.1, 0.1)}, contact=contact, gap=0.0, order=1
+    )
+    steps = evolve(pulled, load_cycle(pulled, [1.0, -1.0, 0.0], 1)).raise_for_status()
+    assert steps.steps[-1].record.iterations == 0
+    assert not steps.steps[-1].fields.displacement.vec.FV().NumPy().any()
+    start = semismooth_newton(pulled)
+    rest = pulled.changed(traction=None)
+    assert semismooth_newton(rest, start=start).status is Status.CONVERGED
+    assert semismooth_newton(rest, start=start).iterations == 0
+
+
+def test_a_body_at_rest_has_no_tangent_to_predict_with():
+    """The laboratory ended with an AttributeError when the first load was moved."""
+    mesh = block.structured_mesh(2, 2, simplices=True)
+    rest = Problem(mesh, METAL, contact="contact", gap=0.0, order=1)
+    pushed = rest.changed(gap=-1e-3)
+    solver = WarmSolver()
+    assert solver.solve(rest).iterations == 0
+    assert solver.predict(pushed) is None
+    same(solver.solve(pushed), semismooth_newton(pushed))
