@@ -58,6 +58,9 @@ nb_execution_mode = os.environ.get("NGEPC_DOCS_EXECUTE", "off")
 nb_execution_timeout = 300
 nb_execution_excludepatterns = ["notebooks/exercises/*"]  # nothing is filled in there
 nb_ipywidgets_js = {}  # the views need no widgets, and those would come from the network
+nb_mime_priority_overrides = [  # of the laboratory the view that comes with its widget
+    ("html", "application/vnd.jupyter.widget-view+json", None)
+]
 nb_execution_raise_on_error = True
 nb_merge_streams = True
 nb_output_stderr = "remove"
