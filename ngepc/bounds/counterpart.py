@@ -27,9 +27,9 @@ from ngepc.bounds.transfer import (
     on_mesh,
     tractions_at_vertices,
 )
+from ngepc.discretisation.lattices import with_last_share
 from ngepc.discretisation.loads import nodal, shapes_at
 from ngepc.discretisation.points import Points
-from ngepc.discretisation.sampling import with_last_share
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.elements import edge_ends, elements_by_shape, has_more_corners

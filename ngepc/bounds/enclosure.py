@@ -22,7 +22,7 @@ import numpy as np
 
 from ngepc.bounds.coverage import BUBBLE, FACET_RULES, lowest_of_quadratics
 from ngepc.discretisation.formulas import FacetCorners, Operation, formula_on
-from ngepc.discretisation.sampling import parts_of_simplex
+from ngepc.discretisation.lattices import parts_of_simplex
 from ngepc.linalg.intervals import Intervals
 from ngepc.linalg.jets import Jet
 

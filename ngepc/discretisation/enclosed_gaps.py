@@ -14,8 +14,9 @@ from ngepc.discretisation.formulas import (
     formula_of,
     formula_on,
 )
+from ngepc.discretisation.lattices import parts_of_edges
 from ngepc.discretisation.polynomials import is_polynomial
-from ngepc.discretisation.sampling import FOLLOWED, parts_of_edges
+from ngepc.discretisation.sampling import FOLLOWED
 from ngepc.linalg.intervals import Intervals
 from ngepc.linalg.jets import Jet
 from ngepc.model.elements import cells_of, elements_by_type, is_straight

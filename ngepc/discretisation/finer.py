@@ -36,12 +36,8 @@ from ngsolve import (
 
 from ngepc.checks.arguments import Coefficient, require_datum, require_in
 from ngepc.checks.declared import declared_checks
-from ngepc.discretisation.points import Points
-from ngepc.discretisation.polynomials import is_polynomial
-from ngepc.discretisation.sampling import (
-    AT_ONCE,
+from ngepc.discretisation.lattices import (
     SIMPLICES,
-    STEEP,
     cut,
     degree_two,
     parts_of_simplex,
@@ -49,6 +45,9 @@ from ngepc.discretisation.sampling import (
     rule_at,
     values_at_shares,
 )
+from ngepc.discretisation.points import Points
+from ngepc.discretisation.polynomials import is_polynomial
+from ngepc.discretisation.sampling import AT_ONCE, STEEP
 from ngepc.model.data import ProblemData
 from ngepc.model.elements import (
     elements_by_shape,

@@ -44,8 +44,9 @@ from ngsolve.la import CreateVVector
 from scipy.sparse import csr_matrix, hstack
 
 from ngepc.checks.arguments import Coefficient, boundary_names
+from ngepc.discretisation.lattices import SIMPLICES, with_last_share
 from ngepc.discretisation.polynomials import HIGHEST
-from ngepc.discretisation.sampling import SIMPLICES, Scan, with_last_share
+from ngepc.discretisation.sampling import Scan
 from ngepc.discretisation.slanted import SlantedNodes, unit_columns
 from ngepc.model.data import same_fields
 from ngepc.model.elements import (

@@ -17,7 +17,8 @@ import numpy as np
 from ngsolve import ET
 
 from ngepc.discretisation.facets import FacetNodes, hats
-from ngepc.discretisation.sampling import AT_ONCE, Piece, Scan, cubics, lattice
+from ngepc.discretisation.lattices import Piece, cubics, lattice
+from ngepc.discretisation.sampling import AT_ONCE, Scan
 
 SMOOTH = 0.05
 """Part of what an affine function misses that a cubic one may miss of a smooth gap."""

@@ -20,9 +20,9 @@ from ngepc.discretisation.enclosed_gaps import (
 )
 from ngepc.discretisation.finer import parts_inside
 from ngepc.discretisation.gap_records import scanned_gap
+from ngepc.discretisation.lattices import parts_of_edges
 from ngepc.discretisation.loads import shapes_at
 from ngepc.discretisation.polynomials import HIGHEST, is_polynomial
-from ngepc.discretisation.sampling import parts_of_edges
 from ngepc.model.places import Coulomb, Edge
 from ngepc.model.problem import Problem
 

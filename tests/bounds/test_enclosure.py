@@ -17,7 +17,7 @@ from ngepc import (
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.coverage import BUBBLE, edge_functions
 from ngepc.bounds.simplices import Simplices
-from ngepc.discretisation.sampling import parts_of_simplex, values_at_shares
+from ngepc.discretisation.lattices import parts_of_simplex, values_at_shares
 from ngepc.geometries import block
 from ngepc.goals.receipt import write_receipt
 from ngepc.model.obstacles import Disc, Sphere

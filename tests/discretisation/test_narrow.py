@@ -31,9 +31,9 @@ from ngepc import (
 )
 from ngepc.discretisation.facets import facet_nodes
 from ngepc.discretisation.gap_records import gap_records, scanned_gap
+from ngepc.discretisation.lattices import Piece, lattice_rule
 from ngepc.discretisation.narrow import cleared, lattice_of
 from ngepc.discretisation.sampled import hidden_overlap
-from ngepc.discretisation.sampling import Piece, lattice_rule
 from ngepc.geometries import block
 from ngepc.model.obstacles import Sphere
 from ngepc.model.parts import distribute

@@ -7,20 +7,17 @@ import pytest
 from ngsolve import BND, CF, H1, VOL, ElementId, GridFunction, IfPos, VectorH1, x, y
 
 from ngepc import Material, Problem
-from ngepc.discretisation.overlap import Surface, pairs_of
-from ngepc.discretisation.prolongation import values_at_points
-from ngepc.discretisation.sampling import (
+from ngepc.discretisation.lattices import (
     GROUPED,
-    Scan,
     degree_two,
-    differences_on,
     groups_of_parts,
     lattice_parts,
     parts_of_simplex,
-    smooth_groups,
-    variation,
     with_centres,
 )
+from ngepc.discretisation.overlap import Surface, pairs_of
+from ngepc.discretisation.prolongation import values_at_points
+from ngepc.discretisation.sampling import Scan, differences_on, smooth_groups, variation
 from ngepc.geometries import block
 
 METAL = Material.kinematic(
