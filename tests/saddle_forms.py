@@ -35,8 +35,8 @@ from ngsolve.fem import CacheCF
 from ngsolve.la import BaseMatrix
 
 from ngepc.discretisation.law import ROUNDING
-from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions
+from ngepc.discretisation.spaces import nodal
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import plastic_order
 from ngepc.model.problem import as_scalar

@@ -37,7 +37,7 @@ from ngepc.bounds.transfer import check_free_of_functions
 from ngepc.bounds.upper_energy import changes
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.factors import Factors
-from ngepc.discretisation.loads import nodal
+from ngepc.discretisation.spaces import nodal
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State

@@ -28,8 +28,9 @@ from ngepc.bounds.transfer import (
     tractions_at_vertices,
 )
 from ngepc.discretisation.lattices import with_last_share
-from ngepc.discretisation.loads import nodal, shapes_at
+from ngepc.discretisation.loads import shapes_at
 from ngepc.discretisation.points import Points
+from ngepc.discretisation.spaces import nodal
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.elements import edge_ends, elements_by_shape, has_more_corners

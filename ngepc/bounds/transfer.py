@@ -20,8 +20,8 @@ from ngepc.bounds.coverage import check_covered, varies_inside
 from ngepc.bounds.matching import matched
 from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.simplices import marked
-from ngepc.discretisation.loads import displacement_space, nodal
 from ngepc.discretisation.points import Points, on_children
+from ngepc.discretisation.spaces import displacement_space, nodal
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import ACTING

@@ -20,7 +20,7 @@ from ngepc.bounds.bound import error_bound
 from ngepc.bounds.outcome import ErrorBound
 from ngepc.checks.sentences import at_most_percent, counted, outward
 from ngepc.cli.commands import NEWTON, PATH, STUDIES, Command, given
-from ngepc.discretisation.loads import displacement_space
+from ngepc.discretisation.spaces import displacement_space
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.dual.result import DualResult
 from ngepc.dual.solver import prepared

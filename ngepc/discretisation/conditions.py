@@ -23,7 +23,7 @@ from scipy.sparse.linalg import spsolve
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
 from ngepc.discretisation.gap_records import gap_records, mapped_facets
-from ngepc.discretisation.loads import Supports, given_at, nodal, nodes_at
+from ngepc.discretisation.loads import Supports, given_at
 from ngepc.discretisation.mortar import HALF, mortar_rows
 from ngepc.discretisation.rows import (
     ContactRows,
@@ -32,6 +32,7 @@ from ngepc.discretisation.rows import (
     rows_along,
     rows_and_gaps,
 )
+from ngepc.discretisation.spaces import nodal, nodes_at
 from ngepc.linalg.friction import FrictionCone
 from ngepc.model.places import Coulomb, Place, Roller
 from ngepc.model.problem import Problem

@@ -1,12 +1,6 @@
-"""Supports and loads of a problem on the displacement space, and the other spaces of section 7.
+"""Supports and loads of a problem on the displacement space.
 
-Y_h = V_h x Q_h :  u in vector P1, zero on Gamma_d;  p in P0, d trace-free coordinates,
-H_h = Z_h x R_h :  z in P1(Gamma_c), q in P1(Omega)^d, with the boundary conditions that
-                   the Tichonov choice asks for.
-
-On elements whose strains vary, quadrilaterals and hexahedra first of all, p is discontinuous of
-order one and follows them; constant p would leave all bending of an element elastic.  Nodal arrays
-have shape (nodes, N): one row for each degree of freedom of a displacement component.
+Nodal arrays have shape (nodes, N): one row for each degree of freedom of a displacement component.
 """
 
 from __future__ import annotations
@@ -20,27 +14,20 @@ from ngsolve import (
     BND,
     CF,
     H1,
-    L2,
     VOL,
     BilinearForm,
     BitArray,
     CoefficientFunction,
-    Compress,
     ElementId,
     FESpace,
     GridFunction,
     InnerProduct,
     LinearForm,
-    Mesh,
     Parameter,
-    Projector,
-    VectorH1,
-    VectorValued,
     ds,
     dx,
 )
 from ngsolve.comp import DifferentialSymbol, ProxyFunction
-from ngsolve.la import CreateVVector
 from scipy.sparse import csr_matrix, hstack
 
 from ngepc.checks.arguments import Coefficient, boundary_names
@@ -48,15 +35,9 @@ from ngepc.discretisation.lattices import SIMPLICES, with_last_share
 from ngepc.discretisation.polynomials import HIGHEST
 from ngepc.discretisation.sampling import Scan
 from ngepc.discretisation.slanted import SlantedNodes, unit_columns
+from ngepc.discretisation.spaces import displacement_space, nodal, nodes_at
 from ngepc.model.data import same_fields
-from ngepc.model.elements import (
-    cells_of,
-    element_facets,
-    facet_keys,
-    has_more_corners,
-    plastic_order,
-    vertex_coordinates,
-)
+from ngepc.model.elements import cells_of, has_more_corners, vertex_coordinates
 from ngepc.model.places import Edge, Place, Point, values_at, vertices_at
 from ngepc.model.problem import Problem, as_scalar
 
@@ -74,46 +55,6 @@ def bonus_order(problem: Problem) -> int:
     bent = problem.N - 1 if has_more_corners(problem.mesh) else 0
     needed = HIGHEST + bent + bool(problem.kinematics.hoop) - problem.order
     return max(BONUS_ORDER, needed)
-
-
-def displacement_space(problem: Problem) -> FESpace:
-    """V_h: continuous vectors of the problem's order; held components are not free."""
-    fixed = {axis: [] for axis in range(problem.N)}
-    elsewhere = []
-    for _, place, axis, _ in problem.held:
-        if isinstance(place, str):
-            fixed[axis].append(place)
-        else:
-            elsewhere.append((place, axis))
-    conditions = {
-        f"dirichlet{'xyz'[a]}": "|".join(names) for a, names in fixed.items() if names
-    }
-    V = VectorH1(problem.mesh, order=problem.order, **conditions)
-    for place, axis in elsewhere:
-        for dof in nodes_at(V.components[axis], place).tolist():
-            V.FreeDofs().Clear(V.Range(axis).start + dof)
-    return V
-
-
-def as_booleans(bits: BitArray) -> np.ndarray:
-    """Which bits are set; without a call for each."""
-    ones = CreateVVector(len(bits))
-    ones[:] = 1.0
-    Projector(bits, True).Project(ones)
-    return ones.FV().NumPy() != 0
-
-
-def nodes_at(scalar: FESpace, place: Place) -> np.ndarray:
-    """Degrees of freedom of one displacement component that belong to a place."""
-    if isinstance(place, Point):
-        return vertices_at(place, scalar.mesh)
-    on_edges = isinstance(place, Edge)
-    region = (
-        scalar.mesh.BBoundaries(place.name)
-        if on_edges
-        else scalar.mesh.Boundaries(place)
-    )
-    return np.flatnonzero(as_booleans(scalar.GetDofs(region)))
 
 
 def shares_of_supports(problem: Problem) -> dict[Place, np.ndarray]:
@@ -178,36 +119,6 @@ def given_at(
     nodes = nodes_at(scalar, place)
     function.Set(as_scalar(value), definedon=scalar.mesh.Boundaries(place))
     return nodes, function.vec.FV().NumPy()[nodes]
-
-
-def plastic_space(problem: Problem) -> FESpace:
-    """Q_h: discontinuous plastic strains of ``plastic_order`` in d orthonormal coordinates."""
-    mesh = problem.mesh
-    return VectorValued(L2(mesh, order=plastic_order(mesh, 1)), problem.kinematics.d)
-
-
-def outer_boundaries(mesh: Mesh) -> set[str]:
-    """Names of the boundaries of the body, without the interfaces between materials."""
-    facets, elements = np.unique(element_facets(mesh)[0], return_counts=True)
-    nodes, region = cells_of(mesh, mesh.dim - 1)
-    corners = nodes[:, : 2 ** (mesh.dim - 1)]
-    outer = region[np.isin(facet_keys(corners, mesh), facets[elements == 1])]
-    return {mesh.GetBoundaries()[number] for number in np.unique(outer)}
-
-
-def contact_space(problem: Problem, *, ends_fixed: bool = True) -> FESpace:
-    """Z_h: P1 on Gamma_c, by default zero at its ends; empty without contact."""
-    region = problem.mesh.Boundaries("|".join(problem.contact_names))
-    rest = "|".join(sorted(outer_boundaries(problem.mesh) - set(problem.contact_names)))
-    conditions = {"dirichlet": rest} if ends_fixed and rest else {}
-    return Compress(H1(problem.mesh, order=1, definedon=region, **conditions))
-
-
-def plastic_dual_space(problem: Problem, *, boundary_fixed: bool = True) -> FESpace:
-    """R_h: continuous P1 with d components, by default zero on the boundary of the body."""
-    outer = "|".join(sorted(outer_boundaries(problem.mesh)))
-    conditions = {"dirichlet": outer} if boundary_fixed else {}
-    return VectorValued(H1(problem.mesh, order=1, **conditions), problem.kinematics.d)
 
 
 def work_of(
@@ -320,11 +231,6 @@ def region_measure(
     if isinstance(place, str):
         return ds(place, bonus_intorder=bonus, **_ordinary_elements(scan))
     return dx(definedon=problem.mesh.BBoundaries(place.name), bonus_intorder=bonus)
-
-
-def nodal(vector: np.ndarray, problem: Problem) -> np.ndarray:
-    """Coefficients of the displacement space, component by component, as (nodes, N)."""
-    return vector.reshape(problem.N, -1).T
 
 
 def applied_forces(problem: Problem, scalar: FESpace) -> np.ndarray:

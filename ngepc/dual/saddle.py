@@ -32,12 +32,12 @@ from ngsolve import (
 )
 from ngsolve.comp import SumOfIntegrals
 
-from ngepc.discretisation.loads import (
+from ngepc.discretisation.loads import work_of
+from ngepc.discretisation.spaces import (
     contact_space,
     displacement_space,
     plastic_dual_space,
     plastic_space,
-    work_of,
 )
 from ngepc.model.problem import Problem, as_scalar
 

@@ -11,8 +11,8 @@ from ngepc.checks.arguments import is_number
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.finer import seen_material
 from ngepc.discretisation.laws import law_of
-from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import PointFunctions, Points, on_children
+from ngepc.discretisation.spaces import nodal
 from ngepc.model.material import PEEQ, Material
 from ngepc.model.problem import Problem
 from ngepc.results.fields import Fields

@@ -14,8 +14,8 @@ from ngepc._deprecated import old_names
 from ngepc.checks.kinds import require_function
 from ngepc.checks.sentences import counted
 from ngepc.discretisation.finer import seen_material, seen_problem
-from ngepc.discretisation.loads import nodal
 from ngepc.discretisation.points import Points
+from ngepc.discretisation.spaces import nodal
 from ngepc.evolution.distance import DistanceBound, distance_of
 from ngepc.evolution.kept import KeptFields, Store
 from ngepc.evolution.memory import Memory

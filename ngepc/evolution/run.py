@@ -14,7 +14,7 @@ from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.outcome import ErrorBound
 from ngepc.bounds.transfer import carried_function, check_carried, on_mesh
 from ngepc.checks.sentences import counted, in_words
-from ngepc.discretisation.loads import displacement_space
+from ngepc.discretisation.spaces import displacement_space
 from ngepc.evolution.file import EvolutionFile
 from ngepc.evolution.kept import Store
 from ngepc.evolution.load_path import Schedule

@@ -13,7 +13,8 @@ from ngsolve import H1
 
 from ngepc.checks.arguments import boundary_names
 from ngepc.discretisation.conditions import directions_of_roller
-from ngepc.discretisation.loads import nodes_at, support_motion
+from ngepc.discretisation.loads import support_motion
+from ngepc.discretisation.spaces import nodes_at
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem
 

@@ -12,7 +12,7 @@ from ngsolve.comp import ProxyFunction, SumOfIntegrals
 from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.body import DiscreteBody, Iterate
-from ngepc.discretisation.loads import nodal
+from ngepc.discretisation.spaces import nodal
 from ngepc.discretisation.stiffness import Stiffness, SymbolicStiffness
 from ngepc.model.elements import plastic_points
 from ngepc.model.features import (

@@ -16,7 +16,7 @@ from ngepc._deprecated import old_names
 from ngepc.checks.arguments import Coefficient, require_integer
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words
-from ngepc.discretisation.loads import nodal
+from ngepc.discretisation.spaces import nodal
 from ngepc.evolution.result import Evolution, EvolutionStep
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult

@@ -6,7 +6,8 @@ from bodies import distorted, prisms, tapered
 from ngsolve import CF, H1, GridFunction, IfPos, Mesh, x, y, z
 
 from ngepc import Fields, Material, Point, Problem
-from ngepc.discretisation.loads import applied_forces, displacement_space, nodal
+from ngepc.discretisation.loads import applied_forces
+from ngepc.discretisation.spaces import displacement_space, nodal
 from ngepc.geometries import block
 
 METAL = Material.kinematic(

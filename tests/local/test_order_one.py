@@ -6,7 +6,7 @@ import pytest
 from ngsolve import GridFunction
 
 from ngepc import Material, Problem, Status, lshape_problem, semismooth_newton
-from ngepc.discretisation.loads import displacement_space
+from ngepc.discretisation.spaces import displacement_space
 from ngepc.geometries import block, lshape
 from ngepc.local import solver
 from ngepc.studies.counts import problem_with

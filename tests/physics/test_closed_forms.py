@@ -21,7 +21,7 @@ from pressed_shell import PressedShell
 from scipy.optimize import brentq
 
 from ngepc import Coupled, FullProduct, Material, Problem, Status, outward_normal
-from ngepc.discretisation.loads import plastic_dual_space
+from ngepc.discretisation.spaces import plastic_dual_space
 from ngepc.evolution.load_path import load_cycle
 from ngepc.evolution.solver import cold_start, evolve
 from ngepc.geometries import block, ring

@@ -20,7 +20,7 @@ from ngsolve import CF, L2, GridFunction, InnerProduct, Integrate, Mesh, sqrt, x
 from solved import block_primal, lshape_dual, lshape_primal
 
 from ngepc import Contact, Material, Problem, lshape_problem, semismooth_newton
-from ngepc.discretisation.loads import displacement_space, plastic_space
+from ngepc.discretisation.spaces import displacement_space, plastic_space
 from ngepc.geometries import block, lshape, ring
 from ngepc.model.obstacles import Disc
 from ngepc.pictures import (

@@ -8,8 +8,8 @@ from ngsolve import CF, GridFunction, x, y
 
 from ngepc import Material, Norton, Problem, Voce
 from ngepc.discretisation.laws import law_of
-from ngepc.discretisation.loads import displacement_space
 from ngepc.discretisation.points import Points
+from ngepc.discretisation.spaces import displacement_space
 from ngepc.geometries import block
 from ngepc.primal.return_mapping import ReturnMapping
 
