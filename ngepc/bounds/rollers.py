@@ -13,12 +13,9 @@ from copy import copy
 import numpy as np
 from ngsolve import BND, ET, IntegrationRule
 
-from ngepc.discretisation.conditions import (
-    ContactConditions,
-    HeldDirections,
-    directions_of_roller,
-)
+from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.loads import Supports
+from ngepc.discretisation.roller_rows import HeldDirections, directions_of_roller
 from ngepc.discretisation.slanted import SlantedNodes
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State

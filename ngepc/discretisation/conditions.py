@@ -3,41 +3,30 @@
 The forces x of the rows stand one after the other: the normal forces n of all rows, with friction
 then the tangential forces t.  R maps displacements to the normal displacements N u and, with
 friction, to the tangential ones; the gaps are (gaps - N u, slip origin - T u).
-
-Supports along oblique directions are rows d . u = value with forces of either sign.  Every node has
-a row of its own, those of quadratic displacements between the vertices as well, so that a roller
-along an axis is the same support as a prescribed component.  Normals of facets that differ little
-are averaged at their nodes; faces that meet at an angle have a row each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 
 import numpy as np
-from ngsolve import H1, FESpace, GridFunction
-from scipy.sparse import csr_matrix, diags, eye, vstack
+from ngsolve import H1, GridFunction
+from scipy.sparse import csr_matrix, diags, vstack
 from scipy.sparse.linalg import spsolve
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
-from ngepc.discretisation.gap_records import gap_records, mapped_facets
+from ngepc.discretisation.gap_records import gap_records
 from ngepc.discretisation.loads import Supports, given_at
-from ngepc.discretisation.mortar import HALF, mortar_rows
-from ngepc.discretisation.rows import (
-    ContactRows,
-    joined,
-    meeting_faces,
-    rows_along,
-    rows_and_gaps,
-)
-from ngepc.discretisation.spaces import nodal, nodes_at
+from ngepc.discretisation.mortar import mortar_rows
+from ngepc.discretisation.roller_rows import not_implied, roller_rows
+from ngepc.discretisation.rows import ContactRows, joined, rows_and_gaps
+from ngepc.discretisation.spaces import nodal
 from ngepc.linalg.friction import FrictionCone
-from ngepc.model.places import Coulomb, Place, Roller
+from ngepc.model.places import Coulomb, Place
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
-from ngepc.model.support import FREE_NORMAL, HELD_NORMAL
 
 PROXIMAL = 1e-8
 """Compliance against changes of dependent forces, as a part of that of their nodes."""
@@ -342,26 +331,6 @@ def dependent_forces(rows: ContactRows, tangents: int) -> np.ndarray:
     return np.append(there, np.repeat(there, tangents))
 
 
-def not_implied(tied: ContactRows, rollers: Iterable[ContactRows]) -> np.ndarray:
-    """Numbers of the rows of glue that rollers and other rows of the same node do not imply.
-
-    Where rollers hold both bodies along d, d . (u_1 - u_2) = 0 already: of the rows along the axes
-    that of the largest component of d is left out.
-    """
-    implied = np.zeros(len(tied), bool)
-    for held in rollers:
-        count = tied.normal.shape[1] // tied.normals.shape[1]
-        d = np.zeros((count, tied.normals.shape[1]))
-        d[held.nodes] = held.normals
-        own = d[tied.nodes]
-        largest = np.abs(own).argmax(axis=1) == np.abs(tied.normals).argmax(axis=1)
-        component = np.abs(np.einsum("mc,mc->m", own, tied.normals))
-        # zero where the second body is held along d, too
-        differs = np.abs(tied.normal @ d.ravel())
-        implied |= (component > 0) & largest & (differs < HALF * component)
-    return np.flatnonzero(~implied)
-
-
 def at_rows(
     problem: Problem, rows: ContactRows, value: Coefficient, names: Sequence[str]
 ) -> np.ndarray:
@@ -389,110 +358,3 @@ def initial_displacements(problem: Problem, supports: Supports) -> np.ndarray:
         given = GridFunction(space)
         given.Set(problem.u_0)
     return problem.nodal_processes.spread(nodal(given.vec.FV().NumPy(), problem))
-
-
-class HeldDirections:
-    """The directions that supports hold at the nodes of rollers.
-
-    ``at`` maps a node to orthonormal directions (k, N), and the displacements (k,) along them.
-    """
-
-    def __init__(self, supports: Supports) -> None:
-        self._supports = supports
-        self.at: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-
-    def added(
-        self,
-        place: Place,
-        nodes: np.ndarray,
-        directions: np.ndarray,
-        values: np.ndarray,
-    ) -> list[bool]:
-        """Add the directions (n, N) of a roller at its nodes; which of them are new.
-
-        A ValueError if two supports give a node different displacements along one direction.
-        """
-        each = zip(nodes.tolist(), directions, values, strict=True)
-        return [self._add(place, node, d, value) for node, d, value in each]
-
-    def _add(self, place: Place, node: int, d: np.ndarray, value: float) -> bool:
-        """The same for one node."""
-        basis, known = self.at.setdefault(node, self._components(node))
-        shares = basis @ d
-        rest = d - shares @ basis
-        left = value - shares @ known
-        size = np.linalg.norm(rest)
-        if size < HELD_NORMAL and abs(left) > 1e-8 * max(1e-300, *np.abs(known)):
-            raise ValueError(
-                f"prescribed[{place!r}] and another support give a node different displacements"
-                f" along {d.round(6).tolist()}: the values must agree, they differ by {left:g}"
-            )
-        if size < FREE_NORMAL:
-            return False
-        basis = np.vstack([basis, rest / size])
-        self.at[node] = basis, np.append(known, left / size)
-        return True
-
-    def _components(self, node: int) -> tuple[np.ndarray, np.ndarray]:
-        """The components that are held at a node, as directions."""
-        fixed = np.flatnonzero(~self._supports.free[node])
-        values = self._supports.values[node, fixed]
-        return np.eye(self._supports.free.shape[1])[fixed], values
-
-
-def directions_of_roller(
-    problem: Problem, scalar: FESpace, place: Place
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes of a roller, its unit directions there (n, N), and the given displacements (n,).
-
-    A node between two faces comes twice.
-    """
-    roller = problem.rollers[place]
-    nodes, directions = _directions(problem, scalar, place, roller)
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    at, given = given_at(scalar, place, roller.value)
-    return nodes, directions, given[np.searchsorted(at, nodes)]
-
-
-def roller_rows(problem: Problem, supports: Supports) -> dict[Place, ContactRows]:
-    """The rows of each roller, but for directions that other supports hold already.
-
-    A ValueError if two supports give a node different displacements along one direction.
-    """
-    scalar = supports.scalar
-    held = HeldDirections(supports)
-    result = {}
-    for place in problem.rollers:
-        nodes, directions, values = directions_of_roller(problem, scalar, place)
-        new = held.added(place, nodes, directions, values)
-        means = csr_matrix(eye(scalar.ndof))[nodes[new]]
-        no = np.zeros(sum(new))
-        # no contact area
-        given = {
-            "nodes": nodes[new],
-            "corners": np.zeros((len(no), 4), dtype=int),
-            "gaps": values[new],
-            "weights": no,
-        }
-        result[place] = rows_along(directions[new], means, tied=True, **given)
-    return result
-
-
-def _directions(
-    problem: Problem, scalar: FESpace, place: Place, roller: Roller
-) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and directions of any length: the given one, or the normals of the faces there."""
-    if roller.direction is not None:
-        nodes = nodes_at(scalar, place)
-        return nodes, np.tile(np.array(roller.direction, dtype=float), (len(nodes), 1))
-    nodes = []
-    corners = []
-    for _, of_facets, _, area, points in mapped_facets(problem, scalar, place, 1):
-        nodes.append(of_facets.ravel())
-        corners.append(
-            np.repeat(area * problem.normal(points), of_facets.shape[1], axis=0)
-        )
-    nodes = np.concatenate(nodes)
-    corners = np.vstack(corners)
-    nodes, sums = meeting_faces(nodes, np.zeros(len(nodes)), corners)
-    return nodes, sums @ corners
