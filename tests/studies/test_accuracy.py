@@ -128,6 +128,7 @@ def test_times_are_read_off_between_meshes():
     assert time_to(errors, times, 0.2) == 1.0
     assert time_to(errors, times, 1e-3) == math.inf
     assert time_to([0.01, 0.2], [1.0, 2.0], 0.05) == math.inf
+    assert time_to([0.03, 0.02], [2.6, 1.1], 0.05) == 1.1  # the finer mesh needs less
     assert shown_time(math.inf) == "-"
 
 
