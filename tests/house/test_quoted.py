@@ -10,6 +10,8 @@ QUOTED = [
     ("docs/cost.md", "by NGSolve: assembly", "counts"),
     ("docs/differentiability.md", "Bumps with a plateau", "differentiability"),
     ("docs/differentiability.md", "Logarithmic bumps", "differentiability"),
+    ("docs/error_bound.md", "`solve_to` on the examples, order two", "bounds"),
+    ("docs/error_bound.md", "whose least energy is 0.05917", "bounds"),
     ("docs/error_bound.md", "or their inner vertices are moved", "squares"),
     ("docs/error_bound.md", "They are regular, or their vertices", "cubes"),
     ("docs/error_bound.md", "Other references are lower bounds", "rings"),
