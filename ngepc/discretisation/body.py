@@ -122,6 +122,10 @@ class DiscreteBody:
             u = np.where(self.free, nodal_values(start, self.problem), u)
         return self.contact.on_rollers(u, self.free)
 
+    def at_rest(self) -> Iterate:
+        """The iterate without contact forces at the displacements of the supports."""
+        raise NotImplementedError
+
     def compliance(self) -> Compliance:
         """A first guess of the compliance of all rows; see ``Compliance.learn``."""
         stiffness = self.row_stiffness + self.contact.springs(self.row_stiffness)

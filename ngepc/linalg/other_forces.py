@@ -12,6 +12,9 @@ from ngepc.linalg.secants import Compliance
 
 DIFFERENT = 1e-6  # fraction of the largest force by which two solutions differ
 
+NOTHING = 1e-12
+"""Part of the largest gaps and slips that displacements by rounding errors of forces are."""
+
 FACTORS = (0.5, 0.8, 1.25, 2.0)
 """Coefficients and loads of neighbouring problems, relative, where searches start."""
 
@@ -53,9 +56,10 @@ def other_forces(
         found = law.equilibria(S, gaps, forces, sizes)
     else:
         found = from_starts(law, S, gaps, forces, rigid)
+    rounding = NOTHING**2 * (gaps**2 / sizes).sum()
     for other in found:
         apart = other - forces
-        if apart @ S @ apart > DIFFERENT**2 * (sizes @ forces**2):
+        if apart @ S @ apart > DIFFERENT**2 * (sizes @ forces**2) + rounding:
             return other  # forces on held tangents do no work: they are no other equilibrium
     return None
 

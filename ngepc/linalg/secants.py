@@ -25,6 +25,7 @@ ROUNDING = 3e-14  # relative size of rounding in a product S force
 FIRST = 3e-2  # part of the slack below which the first change counts as rounding
 LEFT = 1e-3  # part of the residual at which minimal residuals end
 RESTARTS = 4  # largest number of products, relative to the number of rows
+SMALLEST = 1e-140  # displacement below which squares of forces may underflow
 
 NEAR = 1e-8
 GROWN = 1e4
@@ -238,7 +239,7 @@ def in_same_state(
     """
     right = -A @ gaps
     rest = right
-    enough = max(slack, left * np.abs(W @ rest).max(initial=0.0))
+    enough = max(slack, left * np.abs(W @ rest).max(initial=0.0), SMALLEST)
     n = len(gaps)
     forces = np.empty((n, n))
     answers = np.empty((n, n))

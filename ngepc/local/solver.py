@@ -20,7 +20,7 @@ from ngepc.local.active_set import InexactTarget
 from ngepc.local.choice import DIRECT, fastest_solver, solver_name
 from ngepc.local.iterative import Iterative, IterativeTangent
 from ngepc.local.result import ExactResult
-from ngepc.local.start import starting_state, state_at_rest
+from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.features import (
     BASIC_FEATURES,
@@ -182,7 +182,6 @@ class RepeatedSolver:
         correct; ``second`` may replace the iterate after the first step.
         """
         discrete = state.discrete
-        state = state_at_rest(discrete) or state
         tangent = self._tangent_for(discrete)
         iterative = isinstance(tangent, IterativeTangent)
         target = ExactTarget(discrete, compliance)

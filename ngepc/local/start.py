@@ -10,19 +10,6 @@ from ngepc.local.system import DiscreteProblem, State
 from ngepc.results.result import DiscreteSolution
 
 
-def state_at_rest(discrete: DiscreteProblem) -> State | None:
-    """The state without displacements and forces if it is the solution, as without loads.
-
-    Residuals are relative to the forces: steps towards this state from another one end where
-    numbers underflow.  None with friction, and for parts that may rest anywhere.
-    """
-    loaded = discrete.problem.processes.any(discrete.load != 0)
-    if loaded or discrete.contact.friction.d or discrete.floating.centres:
-        return None
-    state = discrete.state(discrete.starting_displacement(None))
-    return state if state.residual_norm == state.penetration == 0 else None
-
-
 def starting_state(discrete: DiscreteProblem, start: object | None) -> State:
     """The initial state: prescribed displacements, and elsewhere those of ``start`` or zero.
 

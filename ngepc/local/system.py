@@ -117,6 +117,10 @@ class DiscreteProblem(DiscreteBody):
         """The law at the strain of displacements."""
         return self.law.returned(*self.law.beyond_initial(*self.points.strain(u)))
 
+    def at_rest(self) -> State:
+        """See ``DiscreteBody``."""
+        return self.state(self.starting_displacement(None))
+
     def state(
         self,
         u: np.ndarray,

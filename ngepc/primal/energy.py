@@ -68,6 +68,11 @@ class ReducedEnergy(DiscreteBody):
         """NGSolve's forms are not pickled, but made again."""
         return ReducedEnergy, (self.problem,)
 
+    def at_rest(self) -> PrimalState:
+        """See ``DiscreteBody``."""
+        u = self.starting_displacement(None)
+        return PrimalState(self, u, np.zeros(len(self.contact)))
+
     def at(self, u: np.ndarray) -> EnergyPoint:
         """The energy at nodal displacements ``u``."""
         return EnergyPoint(self, u)

@@ -44,6 +44,9 @@ NEAR = 1e-2
 NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
 
+VANISHED = 1e-12
+"""A step that leaves less than this part of u leaves nothing but rounding errors."""
+
 CLEARLY = 1e4
 """Times the touching distance that u is inside an obstacle, if that is no rounding."""
 
@@ -133,8 +136,8 @@ def newton_iteration(
             if step is None:
                 status, message = no_descent(state, history, tolerance)
             else:
-                state, length, trials = step
-                state = replaced(state, history, second)
+                following, length, trials = step
+                state = replaced(state, following, history, second)
                 status, message = seen(length, trials)
         if status is Status.CONVERGED and state.body.contact.friction.d:
             status, message = uniqueness(state.with_radial_return(), tangent)
@@ -149,12 +152,30 @@ def newton_iteration(
 
 
 def replaced(
-    state: Iterate, history: History, second: Callable[[Any], Iterate] | None
+    here: Iterate,
+    following: Iterate,
+    history: History,
+    second: Callable[[Any], Iterate] | None,
 ) -> Iterate:
-    """The iterate to go on from: after the first step what ``second`` makes of it."""
-    if second is None or len(history.records) > 1:
-        return state
-    return second(state)
+    """The iterate to go on from after a step: of the first one what ``second`` makes of it."""
+    if second is not None and len(history.records) == 1:
+        return second(following)
+    return resting(here, following)
+
+
+def resting(here: Iterate, following: Iterate) -> Iterate:
+    """The state after a step, or the body at rest where that is the solution, but for rounding.
+
+    Residuals are relative to the forces: without loads steps would go on until numbers underflow.
+    """
+    if following.touching_distance > VANISHED * here.touching_distance:
+        return following
+    body = here.body
+    if body.floating.centres:
+        return following
+    rest = body.at_rest()
+    solves = rest.residual_norm == rest.penetration == 0
+    return rest if solves else following
 
 
 def show_iterate(
