@@ -8,7 +8,7 @@ interval, which shrinks with the area of these nodes.
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 from scipy.sparse import csr_matrix, eye, hstack, vstack
 
 from ngepc.discretisation.body import Iterate
@@ -35,7 +35,7 @@ def range_of_force(here: Iterate) -> tuple[float, float]:
     rows = np.flatnonzero(dependent[: len(tied)])
     program = _program(here, rows, size)
     cost = np.append(~tied[rows], np.zeros(len(rows) * cone.d))
-    ends = [linprog(sign * cost, **program) for sign in (1, -1)]
+    ends = [scipy.optimize.linprog(sign * cost, **program) for sign in (1, -1)]
     if not all(end.success for end in ends):
         return force, force
     others = force - float(pressing[rows].sum())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,9 @@ from ngepc.dual.spaces import Coupled
 from ngepc.model.own import require_same_mesh
 from ngepc.model.problem import Problem, as_scalar
 from ngepc.results.equilibrium import Equilibrium
+from ngepc.results.fields import Fields, frobenius
 from ngepc.results.outcome import History, IterationRecord, Status
+from ngepc.results.remarks import at_plastic_points, not_small, turning
 from ngepc.results.result import Result
 
 
@@ -57,7 +59,8 @@ class DualResult(Result):
         vector.FV().NumPy()[:] = v
         y = functional.blocks.primal_of(vector)
         note = functional.blocks.note
-        return cls(functional, y, vector, status, note, History(history))
+        stored = cls(functional, y, vector, status, note, History(history))
+        return with_remarks(stored)
 
     @property
     def problem(self) -> Problem:
@@ -172,3 +175,15 @@ class DualResult(Result):
         """Integral of the contact pressure, positive in compression (force)."""
         on_contact = ds(definedon=self.functional.blocks.contact)
         return Integrate(self.contact_pressure * on_contact, self.problem.mesh)
+
+
+def with_remarks(result: DualResult) -> DualResult:
+    """The same with what a user must know of a solution in front of its message."""
+    if result.status is not Status.CONVERGED:
+        return result
+    problem = result.problem
+    fields = Fields(problem, result.displacement, result.plastic_increment)
+    strain = float(at_plastic_points(problem, frobenius(fields.strain)).max())
+    seen = not_small(strain, turning(problem, fields.displacement), fields)
+    message = " ".join(filter(None, (seen, result.message)))
+    return replace(result, message=message)

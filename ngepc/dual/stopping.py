@@ -18,7 +18,7 @@ from ngsolve.la import BaseVector
 
 from ngepc.checks.sentences import counted
 from ngepc.dual.functional import DualIterate, total
-from ngepc.dual.result import DualResult
+from ngepc.dual.result import DualResult, with_remarks
 from ngepc.linalg.linesearch import ROUNDING
 from ngepc.results.outcome import History, Status
 
@@ -128,7 +128,7 @@ def final_check(
 def ended(
     here: DualIterate, status: Status, cause: str, history: History, aim: Tolerances
 ) -> DualResult:
-    """The result of a run that ends with an iterate, with a message if it has not converged."""
+    """The result of a run that ends with an iterate, with a message on how, and on what it is."""
     if status not in (Status.CONVERGED, Status.STOPPED):
         if status is not Status.NONFINITE:
             here = DualIterate(here.functional, here.v)
@@ -149,4 +149,5 @@ def ended(
             )
         cause = " ".join(filter(None, (cause, seen, damped, ADVICE[status])))
     message = " ".join(filter(None, (cause, here.functional.blocks.note)))
-    return DualResult(here.functional, here.y, here.v, status, message, history)
+    found = DualResult(here.functional, here.y, here.v, status, message, history)
+    return with_remarks(found)

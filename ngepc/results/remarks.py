@@ -117,11 +117,14 @@ def without_motion(result: Any) -> str:
 
 def deformed_much(result: Any) -> str:
     """A remark on strains or rotations that are not small."""
-    strain = result.largest_strain
-    rotation = result.largest_rotation
+    return not_small(result.largest_strain, result.largest_rotation, result.fields)
+
+
+def not_small(strain: float, rotation: float, fields: Fields) -> str:
+    """A remark where the largest strain or rotation (rad) of these fields is not small."""
     if strain <= SMALL_STRAIN and rotation <= SMALL_ROTATION:
         return ""
-    return large_motion(strain, rotation, large_part(result.fields))
+    return large_motion(strain, rotation, large_part(fields))
 
 
 def shared_in_many_ways(result: Any) -> str:

@@ -330,3 +330,17 @@ def test_what_the_papers_method_has_not_is_refused_with_what_to_do(
             ValueError, match=message + ".*leave gamma and regularisation out"
         ):
             solve()
+
+
+def test_strains_that_are_not_small_are_told():
+    """As of exact results: the model linearises strains, whatever solves it."""
+    problem = lshape_problem(lshape.paper_mesh(113))
+    said = semismooth_newton(problem, gamma=10.0).message
+    assert said.startswith("Strains reach 53 percent")
+    mild = {"load": 1e-3 * problem.tractions["load"]}
+    assert (
+        semismooth_newton(
+            dataclasses.replace(problem, traction=mild), gamma=10.0
+        ).message
+        == ""
+    )
