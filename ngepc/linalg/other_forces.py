@@ -13,7 +13,7 @@ from ngepc.linalg.secants import Compliance
 DIFFERENT = 1e-6  # fraction of the largest force by which two solutions differ
 
 NOTHING = 1e-12
-"""Part of the largest gaps and slips that displacements by rounding errors of forces are."""
+"""Smaller displacements, as a part of the largest slip, are rounding errors."""
 
 FACTORS = (0.5, 0.8, 1.25, 2.0)
 """Coefficients and loads of neighbouring problems, relative, where searches start."""
@@ -56,10 +56,12 @@ def other_forces(
         found = law.equilibria(S, gaps, forces, sizes)
     else:
         found = from_starts(law, S, gaps, forces, rigid)
-    rounding = NOTHING**2 * (gaps**2 / sizes).sum()
+    rounding = NOTHING * np.abs(law.split(gaps)[1]).max(initial=0.0)
     for other in found:
         apart = other - forces
-        if apart @ S @ apart > DIFFERENT**2 * (sizes @ forces**2) + rounding:
+        moved = S @ apart
+        different = apart @ moved > DIFFERENT**2 * (sizes @ forces**2)
+        if different and np.abs(moved).max() > rounding:
             return other  # forces on held tangents do no work: they are no other equilibrium
     return None
 
