@@ -13,7 +13,7 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.comp import SumOfIntegrals
 
-from ngepc.checks.arguments import require_component, require_vector
+from ngepc.checks.arguments import boundary_names, require_component, require_vector
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.hill_law import HillLaw
@@ -30,6 +30,9 @@ from ngepc.sensitivity.law_equations import (
     yield_surfaces_of,
 )
 from ngepc.sensitivity.parameters import on_moving_mesh
+
+ACROSS = 1e-9
+"""The component of a unit vector below which a roller does not hold it."""
 
 
 class Slope(NamedTuple):
@@ -167,15 +170,43 @@ class Reaction(SupportReaction):
 
         ValueError if the support does not hold the component.
         """
-        discrete = state.discrete
         problem = state.discrete.problem
         component = require_component("component", self.component, problem.N)
-        motion = support_motion(problem, self.support, component)
-        volume, e = discrete.points.strain(motion)
-        by = discrete.points.weights * Data(stress=e, mean=volume)
-        by += Data(u=discrete.supports.pull(motion), load=-motion)
-        by["contact"] = discrete.contact.displacement(motion)
-        return Slope(float(np.vdot(motion, state.residual_force)), by)
+        names = boundary_names("support", self.support, problem.mesh)
+        rolled = [name for name in names if name in problem.rollers]
+        fixed = "|".join(name for name in names if name not in rolled)
+        parts = [self._of_roller(state, name, component) for name in rolled]
+        if fixed:
+            parts.append(_of_components(state, fixed, component))
+        by = Data()
+        for part in parts:
+            by += part.by
+        return Slope(sum(part.value for part in parts), by)
+
+    def _of_roller(self, state: State, name: str, component: int) -> Slope:
+        """The part of the forces of a roller's rows, whatever its direction is."""
+        contact = state.discrete.contact
+        translation = np.zeros_like(state.u)
+        translation[: state.discrete.problem.mesh.nv, component] = 1.0
+        own = contact.rollers[name]
+        along = np.zeros(len(contact))
+        along[own] = -contact.displacement(translation)[own]
+        if np.abs(along).max(initial=0.0) < ACROSS:
+            raise ValueError(
+                f"support={self.support!r}: it does not hold component {component}"
+            )
+        return Slope(float(along @ state.contact), Data(contact=along))
+
+
+def _of_components(state: State, support: str, component: int) -> Slope:
+    """A component of the force of a support that holds components."""
+    discrete = state.discrete
+    motion = support_motion(discrete.problem, support, component)
+    volume, e = discrete.points.strain(motion)
+    by = discrete.points.weights * Data(stress=e, mean=volume)
+    by += Data(u=discrete.supports.pull(motion), load=-motion)
+    by["contact"] = discrete.contact.displacement(motion)
+    return Slope(float(np.vdot(motion, state.residual_force)), by)
 
 
 Functional = DisplacementAt | Reaction

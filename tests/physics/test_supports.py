@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from ngepc import (
     PrimalOptions,
     Problem,
     PyAMG,
+    Reaction,
     Roller,
     Status,
     error_bound,
@@ -442,6 +444,36 @@ def test_derivatives_with_an_oblique_roller():
     ):
         difference = (plus.primal_energy - minus.primal_energy) / step
         assert slopes[name] == pytest.approx(difference, rel=1e-6)
+
+
+def test_derivatives_of_the_reaction_of_a_roller():
+    """Its forces are those of its rows; along an axis it is a prescribed component."""
+
+    def solved(support, mu=1e3):
+        held = {"left": support, "clamped": Roller((0.2, 1.0))}
+        material = replace(STEEL, lame_mu=mu)
+        load = {"right": (3.0, 0.5)}
+        return semismooth_newton(Problem(SQUARE, material, None, load, prescribed=held))
+
+    slanted = Roller((1.0, 0.4), 0.002)
+    result = solved(slanted)
+    for place, component in product(("left", "clamped"), (0, 1)):
+        reaction = Reaction(place, component)
+        force = result.equilibrium.reactions[place][component]
+        assert reaction.slope(result.state).value == pytest.approx(force, rel=1e-9)
+        found = gradient(result, reaction, "lame_mu")["lame_mu"]
+        more, less = (
+            solved(slanted, mu).equilibrium.reactions[place][component]
+            for mu in (1000.5, 999.5)
+        )
+        assert found == pytest.approx(more - less, rel=1e-5)
+    along, across = (
+        gradient(solved(support), Reaction("left", 0), ["lame_mu", "traction"])
+        for support in (Roller(), (0, None))
+    )
+    assert along == pytest.approx(across, rel=1e-9, abs=1e-9)
+    with pytest.raises(ValueError, match="does not hold component 1"):
+        gradient(solved(Roller()), Reaction("left", 1), "lame_mu")
 
 
 def test_derivatives_with_springs_and_pressure():
