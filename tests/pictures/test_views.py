@@ -314,3 +314,27 @@ def test_frames_hold_whole_pages():
 def test_bad_input_is_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
+
+
+@needs_browser
+@needs_viewer
+def test_frames_of_notebooks_are_no_taller_than_their_panels(tmp_path):
+    """Two panels side by side are less high than wide; where there is room they are not cut."""
+    pair = show({"one": lshape_primal(), "two": lshape_primal()})
+    page = tmp_path / "page.html"
+    page.write_text(f"<body>{pair._repr_html_()}")
+    height = "document.querySelector('iframe').offsetHeight"
+    inside = "document.querySelector('iframe').contentDocument"
+    drawn = f"{inside}.body.dataset.frame !== undefined"
+    panels = f"[...{inside}.querySelectorAll('.place')].map(p => p.clientHeight)"
+    bottom = (
+        f"Math.max(...[...{inside}.querySelectorAll('.place')]"
+        ".map(p => p.getBoundingClientRect().bottom))"
+    )
+    for width, tall in ((600, 350), (1200, 480)):
+        with Browser(width, 600) as tab:
+            assert tab.open(page).errors == []
+            tab.wait_for(drawn)
+            assert tab.evaluate(height) == pytest.approx(tall, abs=20)
+            assert tab.evaluate(height) - tab.evaluate(bottom) < 4
+            assert min(tab.evaluate(panels)) > 200
