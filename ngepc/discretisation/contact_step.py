@@ -31,6 +31,9 @@ DOUBT = 1e-6
 EXHAUSTED = 1e-8
 """Most Lanczos steps, the probability that they miss a second solution, and the size of zero."""
 
+NOTHING = 1e-12
+"""Smaller displacements, as a part of the largest displacement or slip, are rounding errors."""
+
 Solve = Callable[[np.ndarray], np.ndarray]
 
 
@@ -183,7 +186,8 @@ def _other_forces(here: Iterate, solve: Solve, rows: np.ndarray) -> np.ndarray |
     if springs is not None:  # released like those of floating parts
         rigid = np.hstack([rigid, np.diag(springs[chosen] ** 0.5)])
     given = S, here.gaps[chosen], here.contact[chosen], sizes, rigid
-    return other_forces(cone.of(rows), *given)
+    size = max(np.abs(here.u).max(), np.abs(here.slip).max(initial=0.0))
+    return other_forces(cone.of(rows), *given, least=NOTHING * size)
 
 
 def is_unique(follows: np.ndarray, compliance: Solve, stiffness: Solve) -> bool:

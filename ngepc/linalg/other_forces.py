@@ -12,9 +12,6 @@ from ngepc.linalg.secants import Compliance
 
 DIFFERENT = 1e-6  # fraction of the largest force by which two solutions differ
 
-NOTHING = 1e-12
-"""Smaller displacements, as a part of the largest slip, are rounding errors."""
-
 FACTORS = (0.5, 0.8, 1.25, 2.0)
 """Coefficients and loads of neighbouring problems, relative, where searches start."""
 
@@ -40,13 +37,15 @@ def other_forces(
     forces: np.ndarray,
     sizes: np.ndarray | None = None,
     rigid: np.ndarray | None = None,
+    *,
+    least: float = 0.0,
 ) -> np.ndarray | None:
     """Other forces that meet the law with the compliance S, None if none is found.
 
     All states are tried where the law is ``enumerable``, else ``starts``.  ``sizes`` are the
     compliances that differences are judged by, by default the diagonal of S.  ``rigid`` C
     (n, k) are motions of floating parts, which springs with the compliance C C' hold; here
-    they are made softer.
+    they are made softer.  Forces that move no row by more than ``least`` are the same.
     """
     sizes = S.diagonal() if sizes is None else sizes
     rigid = np.zeros((len(forces), 0)) if rigid is None else rigid
@@ -56,12 +55,11 @@ def other_forces(
         found = law.equilibria(S, gaps, forces, sizes)
     else:
         found = from_starts(law, S, gaps, forces, rigid)
-    rounding = NOTHING * np.abs(law.split(gaps)[1]).max(initial=0.0)
     for other in found:
         apart = other - forces
         moved = S @ apart
         different = apart @ moved > DIFFERENT**2 * (sizes @ forces**2)
-        if different and np.abs(moved).max() > rounding:
+        if different and np.abs(moved).max() > least:
             return other  # forces on held tangents do no work: they are no other equilibrium
     return None
 

@@ -45,7 +45,7 @@ NOISE = 1e-14
 """Rounding of a slope relative to the terms that it is summed from."""
 
 VANISHED = 1e-12
-"""A step that leaves less than this part of u leaves nothing but rounding errors."""
+"""If less than this part of u is left of the start, it is rounding errors."""
 
 CLEARLY = 1e4
 """Times the touching distance that u is inside an obstacle, if that is no rounding."""
@@ -118,15 +118,14 @@ def newton_iteration(
     """
     history = History(list(history.records) if history else [])
     target = target or ExactTarget(state.body)
+    start = state
 
     def seen(length: float, trials: int) -> tuple[Status | None, str]:
         """Record and show the state that a step has led to; whether and how the run ends there."""
         record = record_of(state, tangent, len(history.records), length, trials)
         history.records.append(record)
         log.info(LINE, vars(record))
-        if monitor is not None:
-            snapshot = partial(result, state, Status.STOPPED)
-            show_iterate(monitor, history, snapshot, state)
+        show_iterate(monitor, history, partial(result, state, Status.STOPPED), state)
         return end_of(state, history, tolerance, max_iterations)
 
     try:
@@ -137,7 +136,7 @@ def newton_iteration(
                 status, message = no_descent(state, history, tolerance)
             else:
                 following, length, trials = step
-                state = replaced(state, following, history, second)
+                state = replaced(start, following, history, second)
                 status, message = seen(length, trials)
         if status is Status.CONVERGED and state.body.contact.friction.d:
             status, message = uniqueness(state.with_radial_return(), tangent)
@@ -152,7 +151,7 @@ def newton_iteration(
 
 
 def replaced(
-    here: Iterate,
+    start: Iterate,
     following: Iterate,
     history: History,
     second: Callable[[Any], Iterate] | None,
@@ -160,28 +159,30 @@ def replaced(
     """The iterate to go on from after a step: of the first one what ``second`` makes of it."""
     if second is not None and len(history.records) == 1:
         return second(following)
-    return resting(here, following)
+    return resting(start, following)
 
 
-def resting(here: Iterate, following: Iterate) -> Iterate:
-    """The state after a step, or the body at rest where that is the solution, but for rounding.
+def resting(start: Iterate, following: Iterate) -> Iterate:
+    """The state after a step, or the body at rest if that is the solution and near enough.
 
     Residuals are relative to the forces: without loads steps would go on until numbers underflow.
     """
-    if following.touching_distance > VANISHED * here.touching_distance:
+    if following.touching_distance > VANISHED * start.touching_distance:
         return following
-    body = here.body
-    if body.floating.centres:
-        return following
-    rest = body.at_rest()
+    rest = start.body.at_rest()
     solves = rest.residual_norm == rest.penetration == 0
     return rest if solves else following
 
 
 def show_iterate(
-    monitor: Monitor, history: History, snapshot: Callable[..., Any], state: Iterate
+    monitor: Monitor | None,
+    history: History,
+    snapshot: Callable[..., Any],
+    state: Iterate,
 ) -> None:
-    """Call the monitor with the last record, and a result of a run that ends there."""
+    """Call a monitor with the last record, and a result of a run that ends there."""
+    if monitor is None:
+        return
     record = history.records[-1]
     seen = History(list(history.records))
     ending = f"after {counted(record.iteration, 'step')}"

@@ -187,6 +187,26 @@ def test_unloading_an_elastic_body_takes_few_steps(contact, friction, solver):
     assert last.record.iterations <= (1 if friction is None else 5)
 
 
+@pytest.mark.parametrize("gap", [0.0, 0.01])
+@pytest.mark.parametrize("friction", [None, Coulomb(0.3)])
+def test_a_block_that_only_the_floor_holds_is_unloaded(gap, friction):
+    """Rounding errors of its motion took up to 89 steps, or were other equilibria."""
+    standing = Problem(
+        block.structured_mesh(2, 2, simplices=True),
+        METAL,
+        None,
+        {"contact": (0.0, -0.1)},
+        prescribed={"left": (0, None)},
+        contact="clamped",
+        gap=gap,
+        friction=friction,
+        order=1,
+    )
+    found = evolve(standing, load_cycle(standing, [1.0, 0.5, 0.0], 1))
+    assert found.status is Status.CONVERGED
+    assert found.steps[-1].record.iterations <= 6
+
+
 def test_a_body_at_rest_has_no_tangent_to_predict_with():
     """The laboratory ended with an AttributeError when the first load was moved."""
     mesh = block.structured_mesh(2, 2, simplices=True)
