@@ -135,7 +135,7 @@ def evolve(
     require_instance("refinement", refinement, Refinement, "Refinement(...)")
     if accuracy is not None:
         require_number("accuracy", accuracy, 0, strict=True, below=1)
-        check_alone("accuracy", accuracy, steps, error=error, checkpoint=path)
+        check_alone("accuracy", accuracy, steps, error=error, checkpoint=checkpoint)
     run = Run(problem, schedule, solver, cuts, monitor, error, refinement)
     if accuracy is not None:
         beside_a_coarse_one(run, accuracy).advance(list(schedule.times))

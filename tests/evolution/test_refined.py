@@ -195,8 +195,10 @@ def test_a_mesh_that_may_not_grow_ends_the_run():
 
 def test_what_no_bound_covers_is_refused_before_any_work():
     problem = pulled()
-    with pytest.raises(ValueError, match="leave one out"):
-        evolve(problem, load_cycle(problem, [1]), error=0.1, checkpoint="kept.npz")
+    for option in ("error", "accuracy"):
+        given = {option: 0.1, "checkpoint": "kept.npz"}
+        with pytest.raises(ValueError, match=r"checkpoint='kept.npz'.*leave one out"):
+            evolve(problem, load_cycle(problem, [1]), **given)
 
 
 BUDGET = {"hexahedra": 0.4, "anisotropic yield": 0.2, "cyclic hardening": 0.16}
