@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Callable
 from copy import copy
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +41,7 @@ from ngepc.goals.receipt_file import (
     basis_coordinates,
     in_file_order,
     lossy,
+    lossy_in_goal,
     proved_intervals,
     with_hints,
 )
@@ -79,7 +82,7 @@ VISIBLE = 0.01
 MOST_CELLS = 100_000
 """Files with more cells are not bisected further: rounding errors of all cells add up."""
 LOSS = 0.07
-"""Part of the error bound that the checker may lose on cells that are not bisected."""
+"""Part of the error bound, and of the width of a goal, that is lost on cells that stay whole."""
 _CENTRE = {
     2: IntegrationRule([(1 / 3, 1 / 3)], [1.0]),
     3: IntegrationRule([(1 / 4, 1 / 4, 1 / 4)], [1.0]),
@@ -193,26 +196,49 @@ def words_of(
     largest = np.abs(bound.state.u).max(initial=0.0)
     u = clear_state(bound_data, bound.state, CLEARANCE * largest)
     pieces = Pieces(bound_data.cells, bound_data.problem.order)
-    for _ in range(BISECTIONS):
+
+    def of_energy() -> np.ndarray:
         file = FileOf(bound_data, pieces)
-        words = in_file_order(file.cells, [receipt_arrays(file, bound, u)], header)
-        body = check_receipt.Body(words, header)
-        marked = lossy(body, LOSS * bound.total)
+        return in_file_order(file.cells, [receipt_arrays(file, bound, u)], header)
+
+    body = bisected(
+        pieces, of_energy, header, partial(lossy, allowed=LOSS * bound.total)
+    )
+    if goal is None:
+        return with_hints(of_energy(), header), header
+
+    factor, distance = factor_and_distance(goal, largest, body.wrong.max())
+    header |= {"goal": goal.name, "factor": factor}
+    clearance = CLEARANCE * largest + distance
+    clear = clear_state(bound_data, bound.state, clearance, goal.terms.motion)
+
+    def of_goal() -> np.ndarray:
+        file = FileOf(bound_data, pieces)
+        adjoint = goal_arrays(file, goal, clear)
+        adjoint = {name: values / factor for name, values in adjoint.items()}
+        layers = [receipt_arrays(file, bound, clear), adjoint]
+        return in_file_order(file.cells, layers, header)
+
+    lower, upper = goal.proved
+    allowed = LOSS * (upper - lower) / factor
+    bisected(pieces, of_goal, header, partial(lossy_in_goal, allowed=allowed))
+    return with_hints(of_goal(), header), header
+
+
+def bisected(
+    pieces: Pieces,
+    words: Callable[[], np.ndarray],
+    header: dict[str, object],
+    lossy_cells: Callable[[check_receipt.Body], np.ndarray],
+) -> check_receipt.Body:
+    """Bisect cells until bounds lose little on all of them; the last body that was looked at."""
+    for _ in range(BISECTIONS):
+        body = check_receipt.Body(words(), header)
+        marked = lossy_cells(body)
         if body.K > MOST_CELLS or not marked.any():
             break
         pieces.bisect(marked)
-    file = FileOf(bound_data, pieces)
-    if goal is None:
-        layers = [receipt_arrays(file, bound, u)]
-    else:
-        factor, distance = factor_and_distance(goal, largest, body.wrong.max())
-        clearance = CLEARANCE * largest + distance
-        u = clear_state(bound_data, bound.state, clearance, goal.terms.motion)
-        adjoint = goal_arrays(file, goal, u)
-        adjoint = {name: values / factor for name, values in adjoint.items()}
-        layers = [receipt_arrays(file, bound, u), adjoint]
-        header |= {"goal": goal.name, "factor": factor}
-    return with_hints(in_file_order(file.cells, layers, header), header), header
+    return body
 
 
 def factor_and_distance(

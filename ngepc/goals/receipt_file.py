@@ -29,6 +29,10 @@ DEGREE = 8
 """Degree of the rule that says how much bounds of energies lose."""
 SMALLEST = 1e-30
 """Force that every cell passes on at least."""
+FEW = 4
+"""Degree of the rule that says how much bounds of suprema lose."""
+SMALL = 1e-3
+"""Cells that contribute no more than this part of what they may lose in the mean are left."""
 TANGENTS = 0.0, 0.25, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0
 """Numbers r that are tried, as parts of that where the mean of the slope vanishes."""
 
@@ -64,7 +68,8 @@ def with_hints(words: np.ndarray, header: dict[str, object]) -> np.ndarray:
         arrays["passed"][component] = passed
         arrays["arm"][component] = arm
     for row, sign in enumerate((-1, 1)[: len(arrays["tangent"])]):
-        arrays["tangent"][row] = best_tangent(r, sign)
+        y, v, H = arguments_of_supremum(r, sign)
+        arrays["tangent"][row], _ = least_supremum(y, v, H, r.beta)
     return words
 
 
@@ -83,11 +88,43 @@ def lossy(r: check_receipt.Body, allowed: float) -> np.ndarray:
     exact -= mean_squared_excess(s, r.beta) / (2 * r.mu + r.hardening)
     exact += mean_squared_excess(x, r.beta) / r.hardening
     _, gap = r.densities(slice(None))[:2]
-    loss = r.volume * np.abs(gap - exact / 2)
+    return largest_of(r.volume * np.abs(gap - exact / 2), allowed)
+
+
+def lossy_in_goal(r: check_receipt.Body, allowed: float) -> np.ndarray:
+    """Cells whose bounds of suprema lose most; the others lose less than ``allowed``.
+
+    What a bound loses is what its mean exceeds that of bounds at single points by.
+    """
+    loss = np.zeros(r.K)
+    for sign in (-1, 1):
+        y, v, H = arguments_of_supremum(r, sign)
+        _, bound = least_supremum(y, v, H, r.beta)
+        energy = r.volume * bound / (2 * r.mu)
+        cells = np.flatnonzero(energy > SMALL * allowed / r.K)
+        if not len(cells):
+            continue
+        y_at, weights = at_points(y[..., cells], FEW)
+        v_at, _ = at_points(v[..., cells], FEW)
+        law = np.repeat([H[cells], r.beta[cells]], len(weights), axis=0)
+        H_at, beta_at = law.reshape(2, -1)
+        _, sharp = least_supremum(in_a_row(y_at), in_a_row(v_at), H_at, beta_at)
+        mean = weights @ sharp.reshape(len(weights), -1)
+        loss[cells] += energy[cells] - (r.volume / (2 * r.mu))[cells] * mean
+    return largest_of(loss, allowed)
+
+
+def largest_of(loss: np.ndarray, allowed: float) -> np.ndarray:
+    """Which numbers are the largest ones, so that all others add up to less than ``allowed``."""
     order = loss.argsort()
-    found = np.zeros(r.K, dtype=bool)
+    found = np.zeros(len(loss), dtype=bool)
     found[order] = np.cumsum(loss[order]) > allowed
     return found
+
+
+def in_a_row(at: np.ndarray) -> np.ndarray:
+    """Values (q, c, K) at points as those of q K cells on which they are constant, (1, c, q K)."""
+    return at.swapaxes(0, 1).reshape(1, at.shape[1], -1)
 
 
 def trial_stress(r: check_receipt.Body) -> np.ndarray:
@@ -99,19 +136,22 @@ def trial_stress(r: check_receipt.Body) -> np.ndarray:
 
 def mean_squared_excess(field: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """Means of ([|s| - beta]_+)^2 by a rule."""
-    k = len(field)
-    if k == 1:
-        at = np.ones((1, 1))
-        weights = np.ones(1)
-    else:
-        rule = IntegrationRule(ET.TET if k == 4 else ET.TRIG, DEGREE)
-        weights = np.array(rule.weights) / sum(rule.weights)
-        inside = np.array(rule.points)[:, : 3 if k == 4 else 2]
-        shares = np.column_stack([inside, 1 - inside.sum(axis=1)])
-        at = quadratics(shares) if k == 6 else shares
-    at = np.einsum("qk,kcK->qcK", at, field)
+    at, weights = at_points(field, DEGREE)
     size = np.sqrt(np.einsum("qcK,qcK->qK", at, at))
     return weights @ np.maximum(size - beta, 0.0) ** 2
+
+
+def at_points(field: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values (q, c, K) of a field at the points of a rule, and the weights of these (q,)."""
+    k = len(field)
+    if k == 1:
+        return field, np.ones(1)
+    rule = IntegrationRule(ET.TET if k == 4 else ET.TRIG, degree)
+    weights = np.array(rule.weights) / sum(rule.weights)
+    inside = np.array(rule.points)[:, : 3 if k == 4 else 2]
+    shares = np.column_stack([inside, 1 - inside.sum(axis=1)])
+    table = quadratics(shares) if k == 6 else shares
+    return np.einsum("qk,kcK->qcK", table, field), weights
 
 
 def packed(arrays: dict[str, np.ndarray]) -> np.ndarray:
@@ -193,22 +233,30 @@ def steps_to(other: np.ndarray, place: np.ndarray) -> np.ndarray:
     return steps
 
 
-def best_tangent(r: check_receipt.Body, sign: int) -> np.ndarray:
-    """The numbers r of ``TANGENTS`` with the least suprema."""
+def arguments_of_supremum(
+    r: check_receipt.Body, sign: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """y and v (k, c, K) and H (K,) of the suprema at one end of a goal."""
     H = r.hardening / (2 * r.mu)
     x = r.stress[0, :, 1:] - r.back
     p = x + sign * r.stress[1, :, 1:]
     trial = trial_stress(r)[:, :, 1:]
     y = p + trial[0] - r.back - sign * trial[1]
-    v = p + H * y
+    return y, p + H * y, H
+
+
+def least_supremum(
+    y: np.ndarray, v: np.ndarray, H: np.ndarray, beta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers r of ``TANGENTS`` with the least bounds of suprema, and these, (2, K)."""
     length = np.sqrt(np.einsum("kcK,kcK->kK", v, v))
-    more = length.mean(axis=0) - r.beta * (1 + 2 * H)
+    more = length.mean(axis=0) - beta * (1 + 2 * H)
     guess = np.maximum(more, 0.0) / (2 * H * (1 + H))
-    best = np.full(r.K, np.inf)
-    found = np.zeros(r.K)
+    best = np.full(len(beta), np.inf)
+    found = np.zeros(len(beta))
     for part in TANGENTS:
         tangent = part * guess
-        value = check_receipt.supremum(y, v, tangent, H, r.beta)
+        value = check_receipt.supremum(y, v, tangent, H, beta)
         found = np.where(value < best, tangent, found)
         best = np.minimum(value, best)
-    return found
+    return found, best
