@@ -29,7 +29,7 @@ DEGREE = 8
 """Degree of the rule that says how much bounds of energies lose."""
 SMALLEST = 1e-30
 """Force that every cell passes on at least."""
-FEW = 4
+FEW = 2
 """Degree of the rule that says how much bounds of suprema lose."""
 SMALL = 1e-3
 """Cells that contribute no more than this part of what they may lose in the mean are left."""
@@ -101,7 +101,7 @@ def lossy_in_goal(r: check_receipt.Body, allowed: float) -> np.ndarray:
         y, v, H = arguments_of_supremum(r, sign)
         _, bound = least_supremum(y, v, H, r.beta)
         energy = r.volume * bound / (2 * r.mu)
-        cells = np.flatnonzero(energy > SMALL * allowed / r.K)
+        cells = np.flatnonzero(np.abs(energy) > SMALL * allowed / r.K)
         if not len(cells):
             continue
         y_at, weights = at_points(y[..., cells], FEW)
