@@ -83,6 +83,8 @@ MOST_CELLS = 100_000
 """Files with more cells are not bisected further: rounding errors of all cells add up."""
 LOSS = 0.07
 """Part of the error bound that the checker may lose on cells that are not bisected."""
+SHARP = 1e-4
+"""Intervals of goals are taken to be no narrower than this part of their ends."""
 LOSS_OF_GOAL = 0.15
 """The same part of the width of a goal: its bisected cells cost more than those of energies."""
 _CENTRE = {
@@ -203,28 +205,29 @@ def words_of(
         file = FileOf(bound_data, pieces)
         return in_file_order(file.cells, [receipt_arrays(file, bound, u)], header)
 
-    body = bisected(
-        pieces, of_energy, header, partial(lossy, allowed=LOSS * bound.total)
-    )
+    bisected(pieces, of_energy, header, partial(lossy, allowed=LOSS * bound.total))
     if goal is None:
         return with_hints(of_energy(), header), header
 
-    factor, distance = factor_and_distance(goal, largest, body.wrong.max())
-    header |= {"goal": goal.name, "factor": factor}
-    clearance = CLEARANCE * largest + distance
-    clear = clear_state(bound_data, bound.state, clearance, goal.terms.motion)
+    lower, upper = goal.proved
+    seen = max(upper - lower, SHARP * max(abs(lower), abs(upper)))
+    header_of_goal = dict(header)
 
     def of_goal() -> np.ndarray:
+        wrong = check_receipt.Body(of_energy(), header).wrong.max()
+        factor, distance = factor_and_distance(goal, largest, wrong)
+        header_of_goal.update(goal=goal.name, factor=factor)
+        clearance = CLEARANCE * largest + distance
+        clear = clear_state(bound_data, bound.state, clearance, goal.terms.motion)
         file = FileOf(bound_data, pieces)
         adjoint = goal_arrays(file, goal, clear)
         adjoint = {name: values / factor for name, values in adjoint.items()}
         layers = [receipt_arrays(file, bound, clear), adjoint]
-        return in_file_order(file.cells, layers, header)
+        return in_file_order(file.cells, layers, header_of_goal)
 
-    lower, upper = goal.proved
-    allowed = LOSS_OF_GOAL * (upper - lower) / factor
-    bisected(pieces, of_goal, header, partial(lossy_in_goal, allowed=allowed))
-    return with_hints(of_goal(), header), header
+    allowed = LOSS_OF_GOAL * seen / goal.factor
+    bisected(pieces, of_goal, header_of_goal, partial(lossy_in_goal, allowed=allowed))
+    return with_hints(of_goal(), header_of_goal), header_of_goal
 
 
 def bisected(
@@ -232,15 +235,14 @@ def bisected(
     words: Callable[[], np.ndarray],
     header: dict[str, object],
     lossy_cells: Callable[[check_receipt.Body], np.ndarray],
-) -> check_receipt.Body:
-    """Bisect cells until bounds lose little on all of them; the last body that was looked at."""
+) -> None:
+    """Bisect cells until bounds lose little on all of them."""
     for _ in range(BISECTIONS):
         body = check_receipt.Body(words(), header)
         marked = lossy_cells(body)
         if body.K > MOST_CELLS or not marked.any():
             break
         pieces.bisect(marked)
-    return body
 
 
 def factor_and_distance(

@@ -228,6 +228,17 @@ def test_cells_are_bisected_where_a_goal_needs_it(order, tmp_path):
     assert upper - lower < 1.25 * found.width
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_cells_are_not_bisected_for_a_goal_that_is_exact(order, tmp_path):
+    """The force of the only support: its interval is as wide as rounding errors."""
+    path = tmp_path / "receipt.npz"
+    result = semismooth_newton(CASES["pulled"](order))
+    write_receipt(result, path)
+    _, header = opened(path)
+    write_receipt(goal_bound(result, Reaction("clamped", 1)), path)
+    assert opened(path)[1]["sizes"] == header["sizes"]
+
+
 def test_a_tangent_of_the_norm_is_above_it():
     """Paragraph 3 of the checker: the largest F(q) = |A + q v| - q (V + b q), for any r > 0."""
     random = np.random.default_rng(5)
