@@ -205,7 +205,9 @@ def words_of(
         file = FileOf(bound_data, pieces)
         return in_file_order(file.cells, [receipt_arrays(file, bound, u)], header)
 
-    bisected(pieces, of_energy, header, partial(lossy, allowed=LOSS * bound.total))
+    bisect_where_lossy(
+        pieces, of_energy, header, partial(lossy, allowed=LOSS * bound.total)
+    )
     if goal is None:
         return with_hints(of_energy(), header), header
 
@@ -226,11 +228,13 @@ def words_of(
         return in_file_order(file.cells, layers, header_of_goal)
 
     allowed = LOSS_OF_GOAL * seen / goal.factor
-    bisected(pieces, of_goal, header_of_goal, partial(lossy_in_goal, allowed=allowed))
+    bisect_where_lossy(
+        pieces, of_goal, header_of_goal, partial(lossy_in_goal, allowed=allowed)
+    )
     return with_hints(of_goal(), header_of_goal), header_of_goal
 
 
-def bisected(
+def bisect_where_lossy(
     pieces: Pieces,
     words: Callable[[], np.ndarray],
     header: dict[str, object],

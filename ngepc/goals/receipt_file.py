@@ -88,7 +88,7 @@ def lossy(r: check_receipt.Body, allowed: float) -> np.ndarray:
     exact -= mean_squared_excess(s, r.beta) / (2 * r.mu + r.hardening)
     exact += mean_squared_excess(x, r.beta) / r.hardening
     _, gap = r.densities(slice(None))[:2]
-    return largest_of(r.volume * np.abs(gap - exact / 2), allowed)
+    return most_of_sum(r.volume * np.abs(gap - exact / 2), allowed)
 
 
 def lossy_in_goal(r: check_receipt.Body, allowed: float) -> np.ndarray:
@@ -104,17 +104,17 @@ def lossy_in_goal(r: check_receipt.Body, allowed: float) -> np.ndarray:
         cells = np.flatnonzero(np.abs(energy) > SMALL * allowed / r.K)
         if not len(cells):
             continue
-        y_at, weights = at_points(y[..., cells], FEW)
-        v_at, _ = at_points(v[..., cells], FEW)
+        y_at, weights = at_rule_points(y[..., cells], FEW)
+        v_at, _ = at_rule_points(v[..., cells], FEW)
         law = np.repeat([H[cells], r.beta[cells]], len(weights), axis=0)
         H_at, beta_at = law.reshape(2, -1)
         _, sharp = least_supremum(in_a_row(y_at), in_a_row(v_at), H_at, beta_at)
         mean = weights @ sharp.reshape(len(weights), -1)
         loss[cells] += energy[cells] - (r.volume / (2 * r.mu))[cells] * mean
-    return largest_of(loss, allowed)
+    return most_of_sum(loss, allowed)
 
 
-def largest_of(loss: np.ndarray, allowed: float) -> np.ndarray:
+def most_of_sum(loss: np.ndarray, allowed: float) -> np.ndarray:
     """Which numbers are the largest ones, so that all others add up to less than ``allowed``."""
     order = loss.argsort()
     found = np.zeros(len(loss), dtype=bool)
@@ -136,12 +136,12 @@ def trial_stress(r: check_receipt.Body) -> np.ndarray:
 
 def mean_squared_excess(field: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """Means of ([|s| - beta]_+)^2 by a rule."""
-    at, weights = at_points(field, DEGREE)
+    at, weights = at_rule_points(field, DEGREE)
     size = np.sqrt(np.einsum("qcK,qcK->qK", at, at))
     return weights @ np.maximum(size - beta, 0.0) ** 2
 
 
-def at_points(field: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
+def at_rule_points(field: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Values (q, c, K) of a field at the points of a rule, and the weights of these (q,)."""
     k = len(field)
     if k == 1:
