@@ -284,7 +284,7 @@ def served():
     command = [sys.executable, "-m", "ngepc", "lab", "lshape", "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         line = process.stdout.readline()
-        yield line.split(" at ")[1].split(";")[0]
+        yield line.split(" at ")[1].split()[0]
         process.terminate()
 
 
