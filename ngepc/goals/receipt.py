@@ -191,62 +191,74 @@ def words_of(
     bound_data: BoundData, bound: ErrorBound, goal: GoalBound | None
 ) -> tuple[np.ndarray, dict[str, object]]:
     """The words of the file, and its header without the intervals."""
-    header = {
-        "format": check_receipt.FORMAT,
-        "made by": f"ngepc {__version__}",
-        "kinematics": bound_data.problem.kinematics.name,
-        "order": bound_data.problem.order,
-    }
-    largest = np.abs(bound.state.u).max(initial=0.0)
-    u = clear_state(bound_data, bound.state, CLEARANCE * largest)
-    pieces = Pieces(bound_data.cells, bound_data.problem.order)
-
-    def of_energy() -> np.ndarray:
-        file = FileOf(bound_data, pieces)
-        return in_file_order(file.cells, [receipt_arrays(file, bound, u)], header)
-
-    bisect_where_lossy(
-        pieces, of_energy, header, partial(lossy, allowed=LOSS * bound.total)
-    )
+    draft = Draft(bound_data, bound)
+    draft.bisect(draft.of_energy, partial(lossy, allowed=LOSS * bound.total))
     if goal is None:
-        return with_hints(of_energy(), header), header
+        words, header = draft.of_energy()
+        return with_hints(words, header), header
 
     lower, upper = goal.proved
     seen = max(upper - lower, SHARP * max(abs(lower), abs(upper)))
-    header_of_goal = dict(header)
-
-    def of_goal() -> np.ndarray:
-        wrong = check_receipt.Body(of_energy(), header).wrong.max()
-        factor, distance = factor_and_distance(goal, largest, wrong)
-        header_of_goal.update(goal=goal.name, factor=factor)
-        clearance = CLEARANCE * largest + distance
-        clear = clear_state(bound_data, bound.state, clearance, goal.terms.motion)
-        file = FileOf(bound_data, pieces)
-        adjoint = goal_arrays(file, goal, clear)
-        adjoint = {name: values / factor for name, values in adjoint.items()}
-        layers = [receipt_arrays(file, bound, clear), adjoint]
-        return in_file_order(file.cells, layers, header_of_goal)
-
+    of_goal = partial(draft.of_goal, goal)
     allowed = LOSS_OF_GOAL * seen / goal.factor
-    bisect_where_lossy(
-        pieces, of_goal, header_of_goal, partial(lossy_in_goal, allowed=allowed)
-    )
-    return with_hints(of_goal(), header_of_goal), header_of_goal
+    draft.bisect(of_goal, partial(lossy_in_goal, allowed=allowed))
+    words, header = of_goal()
+    return with_hints(words, header), header
 
 
-def bisect_where_lossy(
-    pieces: Pieces,
-    words: Callable[[], np.ndarray],
-    header: dict[str, object],
-    lossy_cells: Callable[[check_receipt.Body], np.ndarray],
-) -> None:
-    """Bisect cells until bounds lose little on all of them."""
-    for _ in range(BISECTIONS):
-        body = check_receipt.Body(words(), header)
-        marked = lossy_cells(body)
-        if body.K > MOST_CELLS or not marked.any():
-            break
-        pieces.bisect(marked)
+class Draft:
+    """Words without hints and headers of a file, on cells that may still be bisected."""
+
+    def __init__(self, bound_data: BoundData, bound: ErrorBound) -> None:
+        self._bound_data = bound_data
+        self._bound = bound
+        self._pieces = Pieces(bound_data.cells, bound_data.problem.order)
+        self._largest = np.abs(bound.state.u).max(initial=0.0)
+
+    def _header(self) -> dict[str, object]:
+        """What all headers have."""
+        return {
+            "format": check_receipt.FORMAT,
+            "made by": f"ngepc {__version__}",
+            "kinematics": self._bound_data.problem.kinematics.name,
+            "order": self._bound_data.problem.order,
+        }
+
+    def of_energy(self) -> tuple[np.ndarray, dict[str, object]]:
+        """Those of an energy."""
+        clearance = CLEARANCE * self._largest
+        u = clear_state(self._bound_data, self._bound.state, clearance)
+        file = FileOf(self._bound_data, self._pieces)
+        header = self._header()
+        layers = [receipt_arrays(file, self._bound, u)]
+        return in_file_order(file.cells, layers, header), header
+
+    def of_goal(self, goal: GoalBound) -> tuple[np.ndarray, dict[str, object]]:
+        """Those of a goal, whose factor depends on what rounding hides on these cells."""
+        wrong = check_receipt.Body(*self.of_energy()).wrong.max()
+        factor, distance = factor_and_distance(goal, self._largest, wrong)
+        clearance = CLEARANCE * self._largest + distance
+        motion = goal.terms.motion
+        u = clear_state(self._bound_data, self._bound.state, clearance, motion)
+        file = FileOf(self._bound_data, self._pieces)
+        adjoint = goal_arrays(file, goal, u)
+        adjoint = {name: values / factor for name, values in adjoint.items()}
+        header = self._header() | {"goal": goal.name, "factor": factor}
+        layers = [receipt_arrays(file, self._bound, u), adjoint]
+        return in_file_order(file.cells, layers, header), header
+
+    def bisect(
+        self,
+        draft: Callable[[], tuple[np.ndarray, dict[str, object]]],
+        lossy_cells: Callable[[check_receipt.Body], np.ndarray],
+    ) -> None:
+        """Bisect cells until bounds lose little on all of them."""
+        for _ in range(BISECTIONS):
+            body = check_receipt.Body(*draft())
+            marked = lossy_cells(body)
+            if body.K > MOST_CELLS or not marked.any():
+                break
+            self._pieces.bisect(marked)
 
 
 def factor_and_distance(
