@@ -8,11 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from netgen.meshing import NgException
 from ngsolve import CoefficientFunction, GridFunction, Mesh, Parameter
 
 FUNCTION = "gridfunction"
 PARAMETER = "parameterc"
 SILENT = "boundaryfromvolume"  # its text does not name what it has inside
+
+NOT_ARCHIVED = (NgException, RuntimeError, TypeError)
+"""What NGSolve raises for coefficients that its archive does not know, as normal vectors."""
 
 LEAVES = (GridFunction, Parameter)
 
@@ -24,14 +28,16 @@ def as_constant(value: float) -> CoefficientFunction:
     return ZERO + float(value) if value else ZERO
 
 
-def children(node: CoefficientFunction) -> list[CoefficientFunction]:
-    """The direct operands of a coefficient; none where NGSolve does not give them."""
-    if isinstance(node, LEAVES):
+def children(node: object) -> list[object]:
+    """The direct operands of a coefficient; none where NGSolve does not give them.
+
+    A gradient has its space among them, which has no operands.
+    """
+    if isinstance(node, LEAVES) or not isinstance(node, CoefficientFunction):
         return []
     try:
         parts = node.data["childs"]
-    except Exception:
-        # NGSolve's archive refuses some kinds, normal vectors for example
+    except NOT_ARCHIVED:
         return []
     return [part for part in parts if part is not None]
 

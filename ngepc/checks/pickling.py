@@ -10,6 +10,7 @@ import pickle
 
 from ngsolve import CoefficientFunction, IntegrationRule, comp, specialcf
 
+from ngepc.checks.coefficients import NOT_ARCHIVED
 from ngepc.checks.sentences import in_words
 
 GEOMETRIC = {
@@ -50,7 +51,7 @@ def reduced(value: CoefficientFunction) -> tuple:
     """
     try:
         return CoefficientFunction, (value.data,)
-    except Exception as error:  # NGSolve's archive
+    except NOT_ARCHIVED as error:
         known = KNOWN.get(_key(value))
         if known is None:
             first = str(value).split("\n")[0]

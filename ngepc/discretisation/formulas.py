@@ -15,9 +15,9 @@ from functools import reduce
 from operator import add
 
 import numpy as np
-from netgen.meshing import NgException
 from ngsolve import CoefficientFunction, GridFunction, Parameter
 
+from ngepc.checks.coefficients import NOT_ARCHIVED
 from ngepc.linalg.intervals import Intervals, enclosing
 from ngepc.linalg.jets import Jet
 
@@ -25,8 +25,6 @@ DEEPEST = 200
 """Expressions that are nested more deeply are not read."""
 UNIT = 1e-15
 """Rounding errors of NGSolve's unit normals."""
-NOT_ARCHIVED = (NgException, RuntimeError, TypeError)
-"""What NGSolve raises for coefficients that its archive does not know."""
 
 Values = Callable[[CoefficientFunction], np.ndarray]
 """Gives the values of a coefficient at points of the facets, (facets, points, components)."""

@@ -114,11 +114,7 @@ class Schedule:
         TypeError, ValueError
             If there are no pairs, or the times do not increase from ``begin``.
         """
-        try:
-            steps = [(time, changes) for time, changes in pairs]
-        except (TypeError, ValueError):
-            needed = "a Schedule or pairs (time, changes) are needed"
-            raise TypeError(f"steps={in_words(pairs)}: {needed}") from None
+        steps = pairs_in(pairs)
         if not steps:
             raise ValueError(f"steps={in_words(pairs)}: at least one step is needed")
         times = numbers_in("times", [time for time, _ in steps])
@@ -231,6 +227,21 @@ def load_cycle(problem: Problem, factors: Sequence[float], steps: int = 1) -> Sc
     return Schedule(
         tuple(times.tolist()), lambda time: scaled(loads, float(factor(time)))
     )
+
+
+def pairs_in(given: object) -> list[tuple[float, Changes]]:
+    """The pairs (time, changes) of an iterable; TypeError for anything else.
+
+    What an iterable of the user raises itself is left as it is.
+    """
+    needed = f"steps={in_words(given)}: a Schedule or pairs (time, changes) are needed"
+    if not isinstance(given, Iterable):
+        raise TypeError(needed)
+    steps = list(given)
+    try:
+        return [(time, changes) for time, changes in steps]
+    except (TypeError, ValueError):
+        raise TypeError(needed) from None
 
 
 def scaled(data: object, factor: float) -> object:

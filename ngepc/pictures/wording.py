@@ -347,7 +347,7 @@ def interval_of_force(result: Result, unit: str) -> str:
         return ""
     try:
         found = goal_bound(result, "contact_force")
-    except (TypeError, ValueError, RuntimeError):
+    except (ValueError, RuntimeError):
         return ""
     lower, upper = (number(end, digits=4) for end in found.interval)
     proof = "guaranteed" if found.guaranteed else "computed, not proved"
@@ -385,7 +385,7 @@ def how_exact(result: Result) -> str:
         return "not known: the exact method is needed"
     try:
         bound = error_bound(result)
-    except (TypeError, ValueError, RuntimeError):
+    except (ValueError, RuntimeError):
         return estimated_error(result)
     size = f"{at_most_percent(bound.relative)} of the energy"
     if bound.guaranteed:
@@ -397,7 +397,7 @@ def estimated_error(result: ExactResult) -> str:
     """The estimate of the error in energy from recovered stresses."""
     try:
         error = sum(error_indicators(result).vec)
-    except (TypeError, ValueError) as reason:
+    except ValueError as reason:
         return f"not known: {str(reason).partition(': ')[2] or reason}"
     part = error / abs(result.primal_energy) if result.primal_energy else 0.0
     return f"about {in_percent(part)} of the energy, an estimate without guarantee"

@@ -66,8 +66,9 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
     if not path.exists():
         return None
     try:
-        if not zipfile.is_zipfile(path):
-            raise ValueError("it is no .npz file")
+        with path.open("rb") as stream:
+            if not zipfile.is_zipfile(stream):
+                raise ValueError("it is no .npz file")
         # the archive has a checksum of each array
         with np.load(path, allow_pickle=False) as data:
             arrays = {name: data[name] for name in data.files}
@@ -77,6 +78,8 @@ def load(path: Path, fingerprint: Mapping) -> Checkpoint | None:
         record = header["record"]
         if form == FORMAT and header["contents"] != contents_of(record, arrays):
             raise ValueError("its contents are not those that were written")
+    except (MemoryError, PermissionError):
+        raise  # the file may be in order
     except Exception as error:
         # NumPy and zipfile raise errors of many kinds for damaged archives
         raise ValueError(

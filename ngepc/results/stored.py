@@ -21,9 +21,11 @@ Kind = TypeVar("Kind")
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Whatever is raised inside becomes a ValueError that names the file."""
+    """Whatever is raised inside, but MemoryError, becomes a ValueError that names the file."""
     try:
         yield
+    except MemoryError:
+        raise  # the file may be in order
     except Exception as error:  # a damaged file may raise anything while it is read
         if str(path) in str(error):
             raise

@@ -396,6 +396,17 @@ def test_steps_know_how_long_they_last(cut):
         Schedule.listed(pairs, begin=0.5)
 
 
+def test_the_error_of_an_iterable_of_steps_is_not_replaced():
+    def steps():
+        yield 1.0, {"gap": float("O.1")}
+
+    with pytest.raises(ValueError, match="could not convert string"):
+        Schedule.listed(steps())
+    for wrong in (1.0, [1.0], [(1.0,)], ["step"]):
+        with pytest.raises(TypeError, match=r"pairs .* are needed"):
+            Schedule.listed(wrong)
+
+
 @pytest.mark.parametrize("name", ["duration", "order", "thickness"])
 def test_the_body_and_the_length_of_a_step_are_no_changes(name):
     """Histories belong to the integration points, energies to the thickness of the body."""

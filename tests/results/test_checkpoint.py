@@ -9,7 +9,7 @@ from ngsolve import CF, x
 from ngepc import Material, Point, Problem
 from ngepc.geometries import block
 from ngepc.results.checkpoint import load, problem_fingerprint, save, work_fingerprint
-from ngepc.results.stored import array_of
+from ngepc.results.stored import array_of, reading
 
 METAL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=10.0
@@ -90,3 +90,20 @@ def test_what_does_not_fit_is_said(tmp_path):
     path.write_bytes(b"no archive")
     with pytest.raises(ValueError, match="is damaged or no checkpoint"):
         load(path, {"study": "one"})
+
+
+@pytest.mark.parametrize("error", [MemoryError(), PermissionError(13, "denied")])
+def test_a_file_that_cannot_be_read_now_is_not_called_damaged(
+    tmp_path, monkeypatch, error
+):
+    path = tmp_path / "run.npz"
+    save(path, {"study": "one"}, {}, {"u": np.arange(3.0)})
+
+    def refuse(*_, **__):
+        raise error
+
+    monkeypatch.setattr(np, "load", refuse)
+    with pytest.raises(type(error)):
+        load(path, {"study": "one"})
+    with pytest.raises(MemoryError), reading(path):
+        raise MemoryError
