@@ -114,7 +114,7 @@ class AdjointProblem(AdjointConditions):
     ) -> None:
         slack = bound_data.contact.slack(state.u)
         self.penetration = bound_data.contact.lift(slack)
-        super().__init__(bound_data, slack)
+        super().__init__(bound_data, slack, float(np.abs(state.u).max()))
         self.state = state
         self.P = P
         if tangent is None:

@@ -13,16 +13,24 @@ from ngepc.bounds.data import BoundData
 from ngepc.goals.goal_terms import GoalTerms
 
 ROUNDING = 1e-10  # tolerance of the conditions before a node is changed
+EPS = 1e-15
+"""Rounding errors of the conditions, relative to their terms."""
 VIOLATED = 1e-6
 """The largest violation of the conditions that is left; intervals are widened by it."""
 
 
 class AdjointConditions:
-    """The conditions |c - z . n| <= lambda gap of adjoints, for the ``slack`` of a displacement."""
+    """The conditions |c - z . n| <= lambda gap of adjoints, for the ``slack`` of a displacement.
 
-    def __init__(self, bound_data: BoundData, slack: np.ndarray) -> None:
+    ``size`` is that of the terms of the slack, whose rounding errors it has.
+    """
+
+    def __init__(
+        self, bound_data: BoundData, slack: np.ndarray, size: float = 0.0
+    ) -> None:
         self.bound_data = bound_data
         self.slack = slack
+        self.size = size
 
     def repaired(
         self, goal: GoalTerms, z: np.ndarray, factor: float, rounding: float = ROUNDING
@@ -132,5 +140,5 @@ class AdjointConditions:
 
     def least(self, goal: GoalTerms, z: np.ndarray, factor: float) -> float:
         """``factor`` if the conditions hold up to rounding, else infinity."""
-        allowed = VIOLATED * self.scale(goal, z)
+        allowed = VIOLATED * self.scale(goal, z) + EPS * factor * self.size
         return factor if self.violation(goal, z, factor) <= allowed else np.inf

@@ -40,6 +40,7 @@ from ngepc.bounds.transfer import on_matching
 from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint import Adjoint, AdjointProblem, Start
+from ngepc.goals.adjoint_conditions import EPS
 from ngepc.goals.goal_interval import GoalBound, interval_of_elements, thick_goal
 from ngepc.goals.goal_terms import GoalTerms, check_goal, goal_of_result, terms_of
 from ngepc.goals.integrand import BoundPart, Integrand
@@ -78,8 +79,6 @@ SUPREMA = 1e-14
 """The same for lambda times the strain energy, which the suprema are differences of."""
 LEAST = 1e-13
 """The least error bound that lambda is chosen for, relative to the strain energy."""
-EPS = 1e-15
-"""Rounding errors of the conditions on contact, relative to their terms."""
 RESULTANT = 2.0
 """The resultant of the solution's pressure over that of P^ where no bound of it is known."""
 FIRST = 1.1

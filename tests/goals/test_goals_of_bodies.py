@@ -99,6 +99,15 @@ def test_intervals_of_an_exact_solution_contain_it(order, pair, name):
         assert found.discrete == pytest.approx(value, rel=1e-9)
 
 
+def test_a_moved_boundary_moves_as_prescribed():
+    """Where bodies touch, gaps between the nodes are rounding errors, of either sign."""
+    goal_problem = GoalProblem(semismooth_newton(columns(2, PAIR)))
+    goal_problem._adjoints.slack[:] = 0.0, 0.0, 1e-20
+    found = goal_problem.bound_of(MeanDisplacement("top", 1))
+    assert found.lower < PUSHED - 1e-3 < found.upper
+    assert found.width < 1e-9
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_column_on_a_rigid_floor(order):
     result = semismooth_newton(on_a_floor(order))
