@@ -17,8 +17,8 @@ from ngepc.bounds.mapping import (
     bernstein_lattice,
     corner_slopes,
 )
+from ngepc.discretisation.element_strains import Elements
 from ngepc.discretisation.law import Law, Return
-from ngepc.discretisation.points import Elements
 from ngepc.local.system import State
 from ngepc.model.elements import PARALLEL, elements_by_shape, vertex_coordinates
 

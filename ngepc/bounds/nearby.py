@@ -16,7 +16,8 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags
 from scipy.sparse.linalg import splu
 
-from ngepc.discretisation.points import Elements, Moduli
+from ngepc.discretisation.element_strains import Elements
+from ngepc.discretisation.moduli import Moduli
 from ngepc.linalg.direct import WITHOUT_PIVOTS
 from ngepc.local.system import State
 

@@ -21,7 +21,8 @@ from dataclasses import replace
 import numpy as np
 
 from ngepc.discretisation.law import AT_POINTS, SOFTEST, Law, Return
-from ngepc.discretisation.points import Moduli, Points
+from ngepc.discretisation.moduli import Moduli
+from ngepc.discretisation.points import Points
 from ngepc.discretisation.resistance import EXACT
 from ngepc.model.data import ProblemData
 

@@ -36,7 +36,8 @@ import numpy as np
 from ngsolve import Trace
 
 from ngepc._deprecated import old_names
-from ngepc.discretisation.points import Moduli, Points
+from ngepc.discretisation.moduli import Moduli
+from ngepc.discretisation.points import Points
 from ngepc.discretisation.resistance import EXACT, Resistance
 from ngepc.model.data import ProblemData
 from ngepc.model.material import Material, split_hardening

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ngepc.discretisation.law import ROUNDING, Law, Return
-from ngepc.discretisation.points import Moduli, Points
+from ngepc.discretisation.moduli import Moduli
+from ngepc.discretisation.points import Points
 from ngepc.discretisation.resistance import EXACT, Resistance
 from ngepc.discretisation.von_mises_law import VonMisesLaw
 from ngepc.model.data import ProblemData

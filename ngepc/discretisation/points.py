@@ -1,20 +1,15 @@
-"""Strains at the integration points as rows on nodal displacements; forces and stiffnesses.
+"""The integration points of a mesh, where strains, stresses and history variables are known.
 
-A strain is its trace and the d coordinates of its deviator, a stress what they are multiplied with:
-s = 1 + d numbers.  The discrete problem needs only the rows B of these numbers at the points, and
-the weights of the points: forces are B' times stresses, stiffnesses B' C B.  Slopes of the shape
-functions are kept; rows would be five times as many numbers, and are computed when they are needed.
 Arrays over the points follow the elements, rule point by rule point; nodal arrays have shape
-(nodes, N).
+(nodes, N).  What an element computes is in ``element_strains``; here are sums over the mesh, and
+the functions that are determined by their values at the points.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil
 
 import numpy as np
 from ngsolve import (
@@ -36,6 +31,7 @@ from ngsolve import (
 )
 from scipy.sparse import csr_matrix
 
+from ngepc.discretisation.element_strains import Elements
 from ngepc.linalg.cores import in_order
 from ngepc.model.elements import (
     determinants,
@@ -47,238 +43,6 @@ from ngepc.model.elements import (
 from ngepc.model.kinematics import Kinematics
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team, nodal_processes_of
-
-CHUNK = 400_000
-"""Numbers in the matrices of the elements that are held in memory at once.
-
-With fewer threads wait for each other: each call of NumPy lets go of Python's lock and takes it
-back.  A thread that has to wait for it is woken up some 50 microseconds later.
-"""
-
-SMALL = 200_000
-"""Fewer numbers are not divided."""
-
-
-@dataclass(frozen=True, eq=False)
-class Elements:
-    """The elements of one shape, k nodes and p points each.
-
-    Slopes are the N derivatives, on bodies of revolution also that along the circumference, 1/r.
-    """
-
-    basis: np.ndarray
-    """Numbers of a strain by the slopes of a displacement, shape (s, N, slopes)."""
-    size: int  # tensors are size x size
-    averaged: bool  # tr eps is the mean over each element
-    shapes: np.ndarray  # shape functions at the points, shape (p, k)
-    nodes: np.ndarray  # numbers, shape (elements, k)
-    points: np.ndarray  # numbers among all points, shape (elements, p)
-    weights: np.ndarray  # of the points, shape (elements, p)
-    slopes: np.ndarray
-    """Derivatives of the shape functions at the points, shape (elements, p, k, slopes)."""
-
-    def chunks(self, numbers: int) -> list[slice]:
-        """The elements in an even number of parts; of each element so many ``numbers``.
-
-        There is one part if they are few.
-        """
-        elements = len(self.nodes)
-        total = numbers * elements
-        if total < SMALL:
-            return [slice(0, elements)]
-        count = 2 * ceil(total / (2 * CHUNK))
-        size = max(1, ceil(elements / count))
-        return [slice(first, first + size) for first in range(0, elements, size)]
-
-    def of(self, chosen: np.ndarray | slice) -> Elements:
-        """Some of the elements."""
-        names = ("nodes", "points", "weights", "slopes")
-        return replace(self, **{name: getattr(self, name)[chosen] for name in names})
-
-    @property
-    def matrix_chunks(self) -> list[slice]:
-        """Parts for matrices of the elements."""
-        return self.chunks(self.basis.shape[1] ** 2 * self.shapes.shape[1] ** 2)
-
-    @property
-    def row_parts(self) -> list[Elements]:
-        """Parts for what has the size of the slopes, as views."""
-        return [self.of(chosen) for chosen in self.chunks(self.slopes[0].size)]
-
-    @property
-    def _shares(self) -> np.ndarray:
-        """Of the points in their elements, shape (elements, p)."""
-        return self.weights / self.weights.sum(axis=1, keepdims=True)
-
-    def rows(self) -> np.ndarray:
-        """Rows of strains on the nodal displacements node by node, (elements, p, s, k N)."""
-        # E : eps(phi_i e_c) = E[c, :] . grad phi_i for symmetric E
-        rows = np.einsum("scj,epkj->epskc", self.basis, self.slopes, optimize=True)
-        rows = rows.reshape(*rows.shape[:3], -1)
-        if self.averaged:
-            rows[:, :, 0] = np.einsum("ep,epk->ek", self._shares, rows[:, :, 0])[
-                :, None
-            ]
-        return rows
-
-    def strain(self, u: np.ndarray) -> np.ndarray:
-        """Strains, shape (elements, p, s): the rows times u, without making them."""
-        slopes = np.matmul(u[self.nodes].swapaxes(1, 2)[:, None], self.slopes)
-        basis = self.basis.reshape(len(self.basis), -1)
-        found = (slopes.reshape(-1, basis.shape[1]) @ basis.T).reshape(
-            *slopes.shape[:2], -1
-        )
-        if self.averaged:
-            found[:, :, 0] = (self._shares * found[:, :, 0]).sum(axis=1)[:, None]
-        return found
-
-    def forces(self, stress: np.ndarray) -> np.ndarray:
-        """The transposed rows times weighted stresses (points, s), shape (elements, k, N)."""
-        stress = self.weights[:, :, None] * stress[self.points]
-        if self.averaged:
-            stress[:, :, 0] = self._shares * stress[:, :, 0].sum(axis=1)[:, None]
-        s, N, kinds = self.basis.shape
-        turned = self.basis.swapaxes(1, 2).reshape(s, -1)
-        tensors = stress.reshape(-1, s) @ turned
-        at_points = np.matmul(
-            self.slopes, tensors.reshape(*stress.shape[:2], kinds, N)
-        ).swapaxes(0, 1)
-        return sum(at_points[1:], at_points[0])
-
-    def diagonal(self, bulk: np.ndarray, shear: np.ndarray) -> np.ndarray:
-        """Diagonal of B' C B for C = bulk I (x) I + shear Id, shape (elements, k, N).
-
-        A square of a row b . g is b b' : g g', so that products of slopes g are summed, without
-        rows.
-        """
-        bulk, shear = (self.weights * modulus[self.points] for modulus in (bulk, shear))
-        products = self.slopes[..., :, None] * self.slopes[..., None, :]
-        volume, *shape = np.einsum("scj,sck->sjkc", self.basis, self.basis)
-        found = self._product_sums(shear, products) @ _flat_products(sum(shape))
-        if not self.averaged:
-            return found + self._product_sums(bulk, products) @ _flat_products(volume)
-        trace = self.slopes @ self.basis[0].T
-        mean = np.einsum("ep,epkc->ekc", self._shares, trace)
-        return found + bulk.sum(axis=1)[:, None, None] * mean**2
-
-    def _product_sums(self, weights: np.ndarray, products: np.ndarray) -> np.ndarray:
-        """Weighted sums over the points of products of slopes, (elements, k, slopes^2)."""
-        count, points, k = products.shape[:3]
-        sums = np.matmul(weights[:, None], products.reshape(count, points, -1))
-        return sums.reshape(count, k, -1)
-
-    def stiffness(self, moduli: Moduli) -> Iterator[np.ndarray]:
-        """B' C B by two matrices of each element, L, then G, shapes (elements, k N, k N).
-
-        Nodes i, j and components a, b have
-
-            L[i a, j b] + G[i b, j a], and where a = b the sum of G[i c, j c] over c.
-
-        With symmetric tensors dev a : dev b = a : b - tr a tr b / size.  The products G of the
-        slopes of two nodes give sym(u grad) : sym(v grad) at once, so that only the trace and the
-        direction of the moduli need rows.  L should be given up before G is asked for: a cache has
-        room for one of them.
-        """
-        count, points = self.points.shape
-        N = self.basis.shape[1]
-        if moduli.coupling is None:
-            yield _weighted_squares(*self._single_rows(moduli))
-        else:
-            rows = _weighted_squares(*self._single_rows(moduli))
-            yield rows + self._coupled(moduli.coupling)
-        slopes = self.slopes[..., :N].reshape(count, points, -1)
-        yield _weighted_squares(slopes, 0.5 * self.weights * moduli.across[self.points])
-
-    def _single_rows(self, moduli: Moduli) -> tuple[np.ndarray, np.ndarray]:
-        """Rows whose squares with these factors are what remains of B' C B beside a : b.
-
-        Shapes (elements, rows, k N) and (elements, rows).
-        """
-        count, points = self.points.shape
-        bulk = moduli.bulk[self.points]
-        across = moduli.across[self.points]
-        s, N, kinds = self.basis.shape
-        directions = moduli.direction[self.points].reshape(-1, s - 1)
-        tensors = directions @ self.basis[1:].swapaxes(1, 2).reshape(s - 1, -1)
-        along = np.matmul(self.slopes, tensors.reshape(count, points, kinds, N))
-        trace = self.slopes[..., :N]
-        if kinds > N:
-            trace = trace.copy()
-            trace[..., 0] += self.slopes[..., -1]  # the strain along the circumference
-        rows = [trace, along]
-        factors = [-across / self.size, moduli.extra[self.points]]
-        if self.averaged:
-            mean = np.einsum("ep,epic->eic", self._shares, trace)
-            rows.append(np.broadcast_to(mean[:, None], trace.shape))
-            factors.append(bulk)
-        else:
-            factors[0] = factors[0] + bulk
-        if kinds > N:
-            hoop = np.zeros(trace.shape)
-            hoop[..., 0] = self.slopes[..., -1]
-            rows.append(hoop)
-            factors.append(across)
-        weighted = [self.weights * factor for factor in factors]
-        flat = [row.reshape(count, points, -1) for row in rows]
-        return np.concatenate(flat, axis=1), np.concatenate(weighted, axis=1)
-
-    def _coupled(self, coupling: np.ndarray) -> np.ndarray:
-        """B' C B for symmetric matrices C on (tr, dev), node by node."""
-        strains = self.rows()
-        weighted = self.weights[:, :, None, None] * coupling[self.points]
-        stresses = np.matmul(weighted, strains)
-        flat = (len(strains), -1, strains.shape[-1])
-        return np.matmul(strains.reshape(flat).swapaxes(1, 2), stresses.reshape(flat))
-
-
-def _flat_products(matrices: np.ndarray) -> np.ndarray:
-    """Matrices (slopes, slopes, N) as maps of flat products of slopes, (slopes^2, N)."""
-    return matrices.reshape(-1, matrices.shape[2])
-
-
-def _weighted_squares(rows: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """The sum over p of factor_p row_p row_p', shape (elements, n, n); rows (elements, p, n)."""
-    weighted = rows * factors[:, :, None]
-    return np.matmul(weighted.swapaxes(1, 2), rows)
-
-
-@dataclass(frozen=True, eq=False)
-class Moduli:
-    """Stress per strain at the points: C = bulk I (x) I + across Id + extra d (x) d + coupling."""
-
-    bulk: np.ndarray  # (stress), shape (points,), as the next two
-    across: np.ndarray
-    extra: np.ndarray
-    direction: np.ndarray  # unit vectors d in deviatoric coordinates, shape (points, d)
-    # a symmetric matrix on (tr, dev) to be added, or None, shape (points, 1 + d, 1 + d)
-    coupling: np.ndarray | None = None
-
-    def __call__(self, e: np.ndarray) -> np.ndarray:
-        """The deviatoric stress of the deviatoric strain ``e``, both in coordinates."""
-        along = self.extra * np.einsum("pd,pd->p", self.direction, e)
-        stress = self.across[:, None] * e + along[:, None] * self.direction
-        if self.coupling is None:
-            return stress
-        return stress + np.einsum("pij,pj->pi", self.coupling[:, 1:, 1:], e)
-
-    def deviatoric(self) -> np.ndarray:
-        """The matrix of deviatoric stress by deviatoric strain, shape (points, d, d)."""
-        n = self.direction
-        matrix = self.extra[:, None, None] * n[:, :, None] * n[:, None, :]
-        matrix = matrix + self.across[:, None, None] * np.eye(n.shape[1])
-        return matrix if self.coupling is None else matrix + self.coupling[:, 1:, 1:]
-
-    def stress(
-        self, volume: np.ndarray, e: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The stress of a strain: its mean part (points,), its deviator (points, d)."""
-        mean = self.bulk * volume
-        deviator = self(e)
-        if self.coupling is not None:
-            mean = mean + self.coupling[:, 0, 0] * volume
-            mean = mean + np.einsum("pj,pj->p", self.coupling[:, 0, 1:], e)
-            deviator = deviator + self.coupling[:, 1:, 0] * volume[:, None]
-        return mean, deviator
 
 
 def unknowns_of(space: H1, elements: np.ndarray) -> np.ndarray:
@@ -295,6 +59,17 @@ def unknowns_of(space: H1, elements: np.ndarray) -> np.ndarray:
     values = numbers(space.mesh.MapToAllElements({one.type: rule}, everywhere))
     found = np.reshape(values, (len(elements), -1)) @ np.linalg.pinv(shapes).T
     return np.rint(found).astype(int)
+
+
+def slopes_to_strain(kinematics: Kinematics) -> np.ndarray:
+    """The basis of ``Elements``: trace and deviator of a strain by slopes, (s, N, slopes)."""
+    N = kinematics.N
+    basis = np.concatenate([np.eye(N)[None], kinematics.basis[:, :N, :N]])
+    if not kinematics.hoop:
+        return basis
+    hoop_entries = np.append(1.0, kinematics.basis[:, 2, 2])
+    ring = hoop_entries[:, None, None] * np.eye(N)[:, :1]
+    return np.concatenate([basis, ring], axis=2)
 
 
 class Points:
@@ -373,19 +148,12 @@ class Points:
 
     def _blocks(self, to_reference: np.ndarray, averaged: bool) -> Iterator[Elements]:
         """The elements of each shape, from the inverse Jacobians at the points."""
-        mesh = self.mesh
-        N = self.kinematics.N
-        sizes = np.zeros(self.mesh.ne, dtype=int)
-        basis = np.concatenate([np.eye(N)[None], self.kinematics.basis[:, :N, :N]])
-        if self.kinematics.hoop:
-            hoop_entries = np.append(1.0, self.kinematics.basis[:, 2, 2])
-            ring = hoop_entries[:, None, None] * np.eye(N)[:, :1]
-            basis = np.concatenate([basis, ring], axis=2)
-            radii = self.at(x)
-        alike = elements_by_shape(mesh)
+        basis = slopes_to_strain(self.kinematics)
+        alike = elements_by_shape(self.mesh)
         kinds = [
             self.scalar.GetFE(ElementId(VOL, int(of_shape[0]))) for of_shape, _ in alike
         ]
+        sizes = np.zeros(self.mesh.ne, dtype=int)
         for (of_shape, _), element in zip(alike, kinds, strict=True):
             sizes[of_shape] = len(self.rules[element.type])
         firsts = np.cumsum(sizes) - sizes
@@ -399,7 +167,7 @@ class Points:
             slopes = np.array([np.array(fe.CalcDShape(*p)) for p in rule.points])
             slopes = np.matmul(slopes, to_reference[points])
             if self.kinematics.hoop:
-                hoop = shapes / radii[points][:, :, None]
+                hoop = shapes / self.at(x)[points][:, :, None]
                 slopes = np.concatenate([slopes, hoop[..., None]], axis=3)
             yield Elements(
                 basis,

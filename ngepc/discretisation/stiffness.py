@@ -26,7 +26,9 @@ from ngsolve.comp import ProxyFunction, SumOfIntegrals
 from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix, tril
 
-from ngepc.discretisation.points import Elements, Moduli, Points
+from ngepc.discretisation.element_strains import Elements
+from ngepc.discretisation.moduli import Moduli
+from ngepc.discretisation.points import Points
 from ngepc.discretisation.slanted import SlantedNodes
 from ngepc.linalg.cores import in_order
 from ngepc.linalg.direct import both_triangles, lower_triangle

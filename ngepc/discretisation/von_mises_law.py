@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ngepc.discretisation.law import SOFTEST, Law, Return
-from ngepc.discretisation.points import Moduli
+from ngepc.discretisation.moduli import Moduli
 
 
 class VonMisesLaw(Law):

@@ -8,8 +8,9 @@ from ngsolve import VOL as BODY
 from ngsolve.fem import L2FE
 
 from ngepc.checks.kinds import require_instance
+from ngepc.discretisation.element_strains import Elements
 from ngepc.discretisation.law import SOFTEST
-from ngepc.discretisation.points import Elements, Points
+from ngepc.discretisation.points import Points
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State

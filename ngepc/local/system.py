@@ -26,7 +26,8 @@ from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.law import Return
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.loads import Supports
-from ngepc.discretisation.points import Moduli, Points
+from ngepc.discretisation.moduli import Moduli
+from ngepc.discretisation.points import Points
 from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.linalg.secants import Compliance
 from ngepc.model.data import same_fields
