@@ -14,6 +14,13 @@ from ngepc.discretisation.sampled import sampled_data, what_is_unseen
 from ngepc.local.system import State
 from ngepc.model.problem import Problem
 
+STRESS_FREE = 1e-9
+"""Stresses that are smaller, relative to those without initial strains, are rounding errors."""
+
+RESOLVED = 1e-12
+"""Strains that are smaller, relative to |u| over the size of elements, are rounding errors; and
+stresses, relative to those that the loads, those on supports included, make in one element."""
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorBound:
@@ -184,3 +191,16 @@ def strain_energy(state: State) -> float:
     """
     discrete = state.discrete
     return discrete.points.integral(discrete.law.spent(state.at))
+
+
+def is_free_of_stress(state: State, error: float) -> bool:
+    """Whether strain energy and its ``error`` are rounding errors: of eps(u), u or the loads."""
+    discrete = state.discrete
+    points = discrete.points
+    volume, deviator = points.strain(state.u)
+    squared = volume**2 / discrete.problem.kinematics.size + (deviator**2).sum(1)
+    elastic = points.integral(points.at(discrete.problem.material.lame_mu) * squared)
+    diagonal = discrete.stiffness_diagonal
+    apart = np.sum(diagonal * state.u**2) + np.sum(discrete.load**2 / diagonal)
+    rounding = STRESS_FREE**2 * elastic + RESOLVED**2 * float(apart)
+    return max(strain_energy(state), error) <= rounding

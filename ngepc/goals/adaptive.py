@@ -13,7 +13,7 @@ from ngsolve import Mesh
 from ngepc._deprecated import renamed
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.coverage import COVERS as BOUNDED
-from ngepc.bounds.outcome import ErrorBound, thickened
+from ngepc.bounds.outcome import ErrorBound, is_free_of_stress, thickened
 from ngepc.bounds.rollers import in_components
 from ngepc.bounds.thickness import is_of_thickness_one, with_other_thickness
 from ngepc.bounds.transfer import (
@@ -26,7 +26,7 @@ from ngepc.bounds.transfer import (
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.checks.sentences import counted, in_words
+from ngepc.checks.sentences import ROUNDING, counted, in_words, outward
 from ngepc.goals.goal_bound import COVERS as GOALS
 from ngepc.goals.goal_interval import GoalBound, half_in_percent, thick_goal
 from ngepc.goals.goal_terms import check_goal
@@ -63,6 +63,11 @@ FLOWS = (
     "does not harden, and a bound needs a stress in equilibrium that nowhere exceeds the largest "
     "one of the law. Some hardening gives a bound; confidence(result) has an estimate, "
     "limit_load(problem) the loads that the body carries."
+)
+
+FREE_OF_STRESS = (
+    "The body is free of stress, up to rounding errors: no mesh gives its strain energy to a "
+    "percentage."
 )
 
 
@@ -168,8 +173,8 @@ class BoundedResult:
         what = "energy" if self.goal is None else self.goal.name
         error = f"no bound of the relative error of the {what}"
         if math.isfinite(self.relative_error):
-            size = f"{self.relative_error:.3g} ({judged.kind})"
-            error = f"relative error of the {what} at most {size}"
+            size = outward(0.0, max(self.relative_error, ROUNDING), 3)[1]
+            error = f"relative error of the {what} at most {size} ({judged.kind})"
         meshes = counted(len(self.records), "mesh", "meshes")
         finest = f"{self.result.problem.mesh.nv} nodes"
         return f"<BoundedResult: {error}, tolerance {self.tolerance:g}, {meshes}, {finest}>"
@@ -268,6 +273,7 @@ def refined(
         records.append(mesh_record(here, steps, goal))
         message = ending(result, reported(records[-1], monitor))
         message = message or hopeless(before, interval) or without_bound(here)
+        message = message or without_stress(here)
         if message or here.reached:
             return replace(here, message=message)
         if math.isfinite(bound.total):
@@ -428,6 +434,14 @@ def without_bound(here: BoundedResult) -> str:
     if here.result.state.flowing > 0:
         return FLOWS
     return never_finite(here.records)
+
+
+def without_stress(here: BoundedResult) -> str:
+    """Why no mesh reaches a part of a strain energy that is a rounding error; empty otherwise."""
+    if here.goal is not None or here.reached:
+        return ""
+    free = is_free_of_stress(here.bound.state, here.bound.total)
+    return FREE_OF_STRESS if free else ""
 
 
 def never_finite(records: Sequence[MeshRecord]) -> str:

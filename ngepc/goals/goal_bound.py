@@ -224,7 +224,8 @@ class GoalProblem:
         energy = self.bound.strain_energy
         if not energy > 0:
             raise ValueError(
-                "result: a goal bound needs a deformed body, all strains are zero"
+                f"goal={terms.name}: no interval, as all strains are zero: nothing loads or moves "
+                "the body, or the supports take all of it"
             )
         start = self._adjoints.start(terms)
         best = self._best(start, self._first(start) if near is None else near)

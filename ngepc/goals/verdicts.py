@@ -11,7 +11,7 @@ from typing import Any
 from ngsolve import ET, CoefficientFunction, IfPos, Mesh
 
 from ngepc.bounds.bound import error_bound, solved_problem
-from ngepc.bounds.outcome import strain_energy
+from ngepc.bounds.outcome import is_free_of_stress, strain_energy
 from ngepc.bounds.transfer import check_carried
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
@@ -30,7 +30,6 @@ from ngepc.goals.clock import Clock
 from ngepc.goals.goal_interval import GoalBound
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.exact import solve_exactly
-from ngepc.local.system import State
 from ngepc.model.data import DefaultOrder
 from ngepc.model.problem import Problem
 from ngepc.model.round import round_note
@@ -47,9 +46,6 @@ MOST_STEPS = 100
 
 SIDES = 1e-3
 """A larger part that straight sides cut off a round body is said beside a bound, which lacks it."""
-
-STRESS_FREE = 1e-9
-"""Stresses that are smaller, relative to those without initial strains, are rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,16 +320,6 @@ def _estimated(result: object, problem: Problem, reason: str) -> str:
     different = dict.fromkeys(failure.rstrip(".") for failure in failures)
     failed = sentence("; ".join(different) or "the mesh cannot be refined")
     return f"No estimate: {failed} No bound: {sentence(reason)}"
-
-
-def is_free_of_stress(state: State, error: float) -> bool:
-    """Whether strain energy and its ``error`` are rounding errors of int mu eps(u) : eps(u)."""
-    problem = state.discrete.problem
-    points = state.discrete.points
-    volume, deviator = points.strain(state.u)
-    squared = volume**2 / problem.kinematics.size + (deviator**2).sum(1)
-    size = points.integral(points.at(problem.material.lame_mu) * squared)
-    return max(strain_energy(state), error) <= STRESS_FREE**2 * size
 
 
 def sentence(text: str) -> str:
