@@ -1,4 +1,4 @@
-"""Checks of the data of a problem, made before any work is done.
+"""Checks of the loads, supports, contact and history of a problem, before any work is done.
 
 NGSolve accepts misspelt boundaries, singular supports and NaN without a message. Here each is an
 error that names the argument, its value and what is legal.
@@ -11,15 +11,13 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from ngsolve import CF, CoefficientFunction, Det, Mesh, specialcf, x, y, z
+from ngsolve import CoefficientFunction
 
 from ngepc.checks.arguments import (
     boundary_names,
-    corner_rules,
     is_number,
     require_coefficient,
     require_components,
-    require_datum,
     require_field,
     require_in,
     require_number,
@@ -27,26 +25,10 @@ from ngepc.checks.arguments import (
     sample,
 )
 from ngepc.checks.coefficients import foreign_meshes
-from ngepc.checks.declared import declared_checks
-from ngepc.checks.kinds import require_instance, require_mesh
-from ngepc.checks.sentences import counted, in_words
-from ngepc.model.data import (
-    ACTING,
-    HISTORY,
-    Components,
-    ProblemData,
-    as_scalar,
-    same_fields,
-)
-from ngepc.model.elements import (
-    SHAPES,
-    corner_vertices,
-    element_nodes,
-    has_more_corners,
-    is_straight,
-    plastic_points,
-    vertex_coordinates,
-)
+from ngepc.checks.kinds import require_instance
+from ngepc.checks.sentences import in_words
+from ngepc.model.data import ACTING, HISTORY, Components, ProblemData, same_fields
+from ngepc.model.elements import corner_vertices, plastic_points, vertex_coordinates
 from ngepc.model.features import (
     BASIC_FEATURES,
     ELEMENT_FEATURES,
@@ -55,9 +37,8 @@ from ngepc.model.features import (
     LAW_FEATURES,
     require_covered,
 )
-from ngepc.model.hardening import check_law
-from ngepc.model.kinematics import TWO_DIMENSIONAL
-from ngepc.model.material import Material, is_vector, split_hardening
+from ngepc.model.material import is_vector, split_hardening
+from ngepc.model.material_checks import check_material
 from ngepc.model.places import Coulomb, Place, Roller, places, values_at, vertices_at
 from ngepc.model.support import (
     check_held,
@@ -65,7 +46,6 @@ from ngepc.model.support import (
     held_directions,
     pressed_names,
 )
-from ngepc.model.viscosity import check_rate
 
 SHARED_MESH_COVERS = (
     BASIC_FEATURES
@@ -133,148 +113,6 @@ def check_data(problem: ProblemData, differ: Callable[..., bool] = everything) -
         require_number("duration", problem.duration, 0, strict=True)
     if problem.processes.size > 1:
         require_covered(problem, "a mesh that processes share", SHARED_MESH_COVERS)
-
-
-def check_mesh(mesh: Mesh) -> None:
-    """A mesh in two or three dimensions with elements of positive size, all oriented alike."""
-    require_mesh("mesh", mesh)
-    if mesh.comm.size > 1:
-        raise ValueError(
-            f"mesh is on {mesh.comm.size} processes: ngepc.distribute is needed"
-        )
-    nodes = element_nodes(mesh)
-    if len(nodes) == 0:
-        raise ValueError("mesh has no elements: a mesh of the body is needed")
-    if (nodes[:, 2**mesh.dim :] >= 0).any():
-        raise ValueError(
-            "mesh has elements of second order: leave SecondOrder() out, take mesh.Curve()"
-        )
-    strange = set((nodes >= 0).sum(axis=1).tolist()) - {
-        k for N, k in SHAPES if mesh.dim == N
-    }
-    if strange:
-        legal = "triangles, quadrilaterals, tetrahedra, prisms or hexahedra are needed"
-        raise ValueError(
-            f"mesh has elements with {counted(min(strange), 'corner')}: {legal}"
-        )
-    determinant = Det(specialcf.JacobianMatrix(mesh.dim))
-    size = sample(determinant, mesh)
-    if not np.isfinite(size).all() or np.abs(size).min() <= 1e-14 * np.abs(size).max():
-        raise ValueError("mesh has degenerate elements (zero area or volume)")
-    if (nodes[:, 2**mesh.dim - 1] >= 0).any():
-        corner = sample(determinant, mesh, rules=corner_rules(mesh.dim))
-        size = np.append(size, corner[np.abs(corner) > 1e-12 * np.abs(size).max()])
-    if size.min() < 0 < size.max():
-        raise ValueError(
-            "mesh has inverted elements (Jacobian determinants of both signs)"
-        )
-    if is_straight(mesh) and has_more_corners(mesh):
-        check_corners(mesh, nodes)
-
-
-def check_corners(mesh: Mesh, nodes: np.ndarray) -> None:
-    """Refuse elements that NGSolve maps by affine functions, but whose corners are elsewhere.
-
-    ``nodes`` are those of ``element_nodes``.  Elements of structured meshes are marked as
-    parallelograms, which they no longer are after vertices were moved.
-    """
-    mapped = sample(CF((x, y, z)[: mesh.dim]), mesh, rules=corner_rules(mesh.dim))
-    places = vertex_coordinates(mesh)
-    defect = np.abs(mapped - places[nodes[nodes >= 0]]).max()
-    if defect > 1e-9 * np.ptp(places, axis=0).max():
-        raise ValueError(
-            "mesh has elements that are marked as parallelograms, but are none: set "
-            "curved=True for its Netgen elements when their vertices were moved"
-        )
-
-
-def check_material(problem: ProblemData) -> None:
-    """Elliptic elasticity, positive yield stress and hardening everywhere; radii x >= 0."""
-    material = problem.material
-    mesh = problem.mesh
-    N = problem.kinematics.size
-    require_instance("material", material, Material, "a Material")
-    for name, check in declared_checks(Material).items():
-        if check.func is require_datum:
-            require_field(name, getattr(material, name), mesh, **check.keywords)
-    bulk = N * material.lame_lambda + 2 * material.lame_mu
-    bulk = require_in(
-        f"{N} lame_lambda + 2 lame_mu", sample(bulk, mesh), "the body"
-    ).min()
-    if bulk <= 0:
-        raise ValueError(
-            f"lame_lambda={in_words(material.lame_lambda)}: the elasticity is not elliptic, "
-            f"{N} lambda + 2 mu falls to {bulk:g}, > 0 is needed for {N} x {N} tensors"
-        )
-    if material.data_sheet and problem.kinematics is TWO_DIMENSIONAL:
-        needed = "its factors are those of three dimensions, Material.kinematic or"
-        raise ValueError(
-            f'kinematics="two-dimensional" with {in_words(material)}: {needed} '
-            "Material.isotropic is needed"
-        )
-    if material.law is not None:
-        check_law(material.law, mesh)
-    if material.rate is not None:
-        check_rate(material.rate, mesh)
-    if material.hill is not None:
-        check_hill(problem)
-    if material.overlay is not None:
-        check_overlay(problem)
-    name = "the hardening h = k + (H sigma_y)^2 k_1"
-    h = require_in(name, sample(material.effective_hardening, mesh), "the body").min()
-    if h <= 0 and material.law is None and material.overlay is None:
-        raise ValueError(
-            f"{name} falls to {h:g}: > 0 is needed, "
-            "the method is for hardening plasticity (perfect plasticity is a Tabulated law)"
-        )
-    radii = np.asarray(mesh.ngmesh.Coordinates())[:, 0]
-    if problem.kinematics.hoop and radii.min() < -1e-12 * np.abs(radii).max():
-        reach = f"the mesh reaches to x = {radii.min():g}, radii x >= 0 are needed"
-        raise ValueError(f'kinematics="axisymmetric": {reach}')
-
-
-def check_hill(problem: ProblemData) -> None:
-    """Anisotropic yield, of a body in three dimensions."""
-    material = problem.material
-    if problem.kinematics is TWO_DIMENSIONAL:
-        raise ValueError(
-            f'kinematics="two-dimensional" with hill={in_words(material.hill)}: '
-            "another kinematics is needed, the ellipsoid has three axes"
-        )
-    for name in ("F", "G", "H", "L", "M", "N", "angle"):
-        require_field(f"hill.{name}", getattr(material.hill, name), problem.mesh)
-    basis = problem.kinematics.basis
-    fields = [
-        getattr(material.hill, n) for n in ("F", "G", "H", "L", "M", "N", "angle")
-    ]
-    samples = np.broadcast_arrays(*(sample(f, problem.mesh)[:, 0] for f in fields))
-    values = dict(zip(map(id, fields), samples, strict=True))
-    material.hill.form(basis, lambda datum: values[id(datum)])
-
-
-def check_overlay(problem: ProblemData) -> None:
-    """Sub-elements without other hardening, of a body in three dimensions."""
-    material = problem.material
-    overlay = material.overlay
-    if problem.kinematics is TWO_DIMENSIONAL:
-        raise ValueError(
-            f'kinematics="two-dimensional" with overlay={in_words(overlay)}: '
-            "another kinematics is needed, the curve is that of a bar in three dimensions"
-        )
-    for name in ("hardening", "hardening_modulus", "law", "rate", "hill"):
-        value = getattr(material, name)
-        absent = value is None or (is_number(value) and value == 0)
-        if not absent:
-            raise ValueError(
-                f"{name}={in_words(value)} with overlay={in_words(overlay)}: leave one of them out"
-            )
-    first = sample(as_scalar(material.yield_stress), problem.mesh)
-    if not np.allclose(first, overlay.bounds[0], rtol=1e-12):
-        raise ValueError(
-            f"yield_stress={in_words(material.yield_stress)} with "
-            f"overlay={in_words(overlay)}: the first bound, "
-            f"{overlay.bounds[0]:g}, is needed"
-        )
 
 
 def check_places(problem: ProblemData) -> None:

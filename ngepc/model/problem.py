@@ -11,13 +11,14 @@ from ngepc.checks import pickling as pickling  # registers pickling of NGSolve's
 from ngepc.checks.arguments import require_integer
 from ngepc.checks.kinds import require_mesh
 from ngepc.checks.sentences import arguments_in_words
-from ngepc.model.checks import check_mesh, check_problem
+from ngepc.model.checks import check_problem
 from ngepc.model.data import LEFT, DefaultOrder, ProblemData
 from ngepc.model.data import as_scalar as as_scalar
 from ngepc.model.elements import outward_normal
 from ngepc.model.features import features_of
 from ngepc.model.kinematics import TWO_DIMENSIONAL, kinematics_of, with_thickness
 from ngepc.model.material import Material
+from ngepc.model.mesh_checks import check_mesh
 
 MADE = ("mesh", "kinematics", "order", "thickness")
 """Fields that are converted when a problem is made, or by which others are."""

@@ -331,7 +331,9 @@ def test_a_small_load_beside_one_that_a_support_takes_is_not_lost():
 
 def test_a_goal_of_a_body_at_rest_is_refused_by_its_name():
     problem = replace(lshape_problem(lshape.paper_mesh(33)), traction=None)
-    with pytest.raises(ValueError, match="goal=contact force: .* all strains are zero"):
+    with pytest.raises(
+        ValueError, match=r"goal=contact force: .* all strains are zero"
+    ):
         verdict(problem, "contact_force", at_most=1.0)
 
 

@@ -10,7 +10,6 @@ from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import BND, ET, GridFunction, Integrate, Mesh, VectorH1, x
 
 from ngepc.geometries import block, ring
-from ngepc.model.checks import check_mesh
 from ngepc.model.elements import (
     boundary_corners,
     corner_vertices,
@@ -24,6 +23,7 @@ from ngepc.model.elements import (
     plastic_rule,
     vertex_coordinates,
 )
+from ngepc.model.mesh_checks import check_mesh
 
 
 def of_box(*powers):
