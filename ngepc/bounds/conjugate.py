@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ngepc.bounds.flow_potentials import flow_potential, most_potential
 from ngepc.bounds.polynomials import (
     NODES,
     RULE,
@@ -35,7 +36,6 @@ from ngepc.bounds.polynomials import (
     WORTH,
     beyond,
     coefficients,
-    exceeding,
     excess_integrals,
     portions,
     square_integrals,
@@ -43,7 +43,6 @@ from ngepc.bounds.polynomials import (
 )
 from ngepc.bounds.simplices import by_cells, sliced, stored_by_cells
 from ngepc.discretisation.law import SOFTEST, Law
-from ngepc.discretisation.resistance import Resistance
 
 R6 = np.sqrt(6.0)
 
@@ -278,7 +277,7 @@ class Conjugate:
         For linear hardening the plastic term is the integral of the squared distance of s from the
         ball |q| <= beta.  The distance is at most |s - q|, where the Bernstein coefficients of q
         are those of s projected onto the ball: q lies in their convex hull.  On triangles that
-        yield everywhere ``excess_integrals`` is sharper.  For other laws see ``_of_any_law``.
+        yield everywhere ``excess_integrals`` is sharper.  For other laws see ``most_potential``.
         Where these bounds exceed a quadrature rule most ``_sharper`` is tried, and then parts are
         split, until the possible gain is small relative to the sum of all integrals and ``rest``.
 
@@ -357,7 +356,8 @@ class Conjugate:
     ) -> tuple[np.ndarray, np.ndarray]:
         """The bound and a quadrature rule for polynomials s (parts, k, d) on parts of cells."""
         if not self.resistance.is_constant:
-            return self._of_any_law(s, volume, cell)
+            law = self.resistance.of(cell)
+            return most_potential(law, self.hardening[cell], s, volume)
         two_h = 2 * self.hardening[cell]
         beta = self.beta[cell]
         bound = np.empty(len(s))
@@ -376,47 +376,6 @@ class Conjugate:
         squares = excess_integrals(s, self.beta[cell], volume)
         return squares / (2 * self.hardening[cell])
 
-    def _of_any_law(
-        self, s: np.ndarray, volume: np.ndarray, cell: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The same for a nonlinear hardening law, by convexity alone.
-
-        F(|s|) is convex in s, so that the mean of its values at the coefficients bounds its mean.
-        A second bound: the largest and the smallest |s| bound the g of the maximum.  Between these
-        beta(g) >= beta(g_0) + slope (g - g_0) for g >= g_0, with slope = min beta': F is at most
-        that of linear hardening with this slope and another yield bound.
-        """
-        resistance = self.resistance.of(cell)
-        h = self.hardening[cell]
-        sizes = np.linalg.norm(s, axis=2)
-        middle = s.mean(axis=1)
-        spread = np.linalg.norm(s - middle[:, None], axis=2).max(axis=1)
-        least = np.maximum(np.linalg.norm(middle, axis=1) - spread, 0.0)
-        most = resistance.gained_at(sizes.max(axis=1), h)
-        finite = np.isfinite(most)
-        most = np.where(finite, most, 0.0)
-        fewest = np.minimum(resistance.gained_at(least, h), most)
-
-        g = (fewest + most) / 2
-        slope = resistance.slopes(fewest, most)[0]
-        modulus = h + slope
-        beta = resistance.bound(g) - slope * g
-        given = resistance.bound(g) * g - slope * g**2 / 2 - resistance.energy(g)
-        squares = square_integrals(beyond(s, beta), volume)
-        if s.shape[1] in TRIANGLES:
-            squares = np.minimum(squares, excess_integrals(s, beta, volume))
-        hard = np.where(modulus > 0, modulus, 1.0)
-        linear = np.where(modulus > 0, volume * given + squares / (2 * hard), np.inf)
-
-        columns = resistance.of(np.s_[:, None])
-        at_coefficients = _potential(columns, h[:, None], sizes)
-        bound = np.minimum(linear, volume * at_coefficients.mean(axis=1))
-        bound = np.where(finite, bound, np.inf)
-        at_rule = np.linalg.norm(np.matmul(RULE[s.shape[1]], s), axis=2)
-        estimate = _potential(columns, h[:, None], at_rule)
-        estimate = estimate @ WEIGHTS[s.shape[1]]
-        return bound, np.minimum(volume * estimate, bound)
-
 
 def excess(
     s: np.ndarray, beta: np.ndarray, volume: np.ndarray
@@ -431,68 +390,3 @@ def excess(
         np.sqrt(np.einsum("nqd,nqd->nq", at_rule, at_rule)) - beta[:, None], 0.0
     )
     return bound, volume * (inside**2 @ WEIGHTS[k])
-
-
-def _potential(
-    resistance: Resistance, hardening: np.ndarray, size: np.ndarray
-) -> np.ndarray:
-    """F(size), for sizes of any shape that broadcasts with the law."""
-    gained = resistance.gained_at(size, hardening)
-    return flow_potential(resistance, hardening, size, gained)
-
-
-def flow_potential(
-    resistance: Resistance, modulus: np.ndarray, size: np.ndarray, gained: np.ndarray
-) -> np.ndarray:
-    """size g - modulus/2 g^2 - int_0^g beta at its maximum g = ``gained``, inf for infinite g."""
-    finite = np.isfinite(gained)
-    g = np.where(finite, gained, 0.0)
-    over = np.maximum(size - resistance.beta, 0.0)
-    found = over * g - modulus / 2 * g**2 - resistance.hardened(g)
-    return np.where(finite, found, np.inf)
-
-
-def least_potential(
-    resistance: Resistance, modulus: np.ndarray, s: np.ndarray, area: np.ndarray
-) -> np.ndarray:
-    """A lower bound of int G(|s|) over triangles, where G is F with this modulus in place of h.
-
-    G is convex: its mean is at least its value at the mean of s.  Where |s| > beta everywhere, G is
-    at least that of the linear hardening of ``linear_below``.
-
-    ``s`` (n, k, d) are vertex values of affine functions; ``area``, the sizes, has shape (n,).
-    """
-    middle = s.mean(axis=1)
-    size = np.linalg.norm(middle, axis=1)
-    spread = np.linalg.norm(s - middle[:, None], axis=2).max(axis=1)
-    least = np.maximum(size - spread, 0.0)
-    most = np.linalg.norm(s, axis=2).max(axis=1)
-    g = resistance.gained_at(size, modulus)
-    at_mean = area * flow_potential(resistance, modulus, size, g)
-    usable, beta, stiff, given = linear_below(resistance, modulus, g, least, most)
-    linear = area * given + exceeding(s, beta, area) / (2 * stiff)
-    return np.where(usable, np.maximum(linear, at_mean), at_mean)
-
-
-def linear_below(
-    resistance: Resistance,
-    modulus: np.ndarray,
-    g: np.ndarray,
-    least: np.ndarray,
-    most: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Linear hardening whose G is nowhere above that of a law for |s| between two values.
-
-    It has the bound of the law at ``g``, and the largest slope of beta between the two values.
-    Returns where there is one, with |s| > beta everywhere, its beta, its modulus, and the constant
-    that is added to its G.
-    """
-    fewest = resistance.gained_at(least, modulus)
-    slope = resistance.slopes(fewest, resistance.gained_at(most, modulus))[1]
-    usable = np.isfinite(slope) & (fewest > 0)
-    slope = np.where(usable, slope, 0.0)
-    beta = resistance.bound(g) - slope * g
-    usable &= (beta >= 0) & (beta <= least)
-    beta = np.where(usable, beta, resistance.beta)
-    given = resistance.bound(g) * g - slope * g**2 / 2 - resistance.energy(g)
-    return usable, beta, modulus + slope, given

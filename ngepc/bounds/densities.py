@@ -21,7 +21,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ngepc.bounds.conjugate import flow_potential, least_potential
+from ngepc.bounds.flow_potentials import flow_potential, least_potential
 from ngepc.bounds.polynomials import RULE, SPLIT, exceeding
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.law import Law, Return

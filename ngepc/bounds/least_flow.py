@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from ngsolve import IntegrationRule
 
-from ngepc.bounds.conjugate import flow_potential
+from ngepc.bounds.flow_potentials import flow_potential
 from ngepc.bounds.mapped import SHAPES, MappedElements
 from ngepc.bounds.mapping import bernstein_functions, bernstein_lattice
 from ngepc.bounds.polynomials import portions, worth_keeping

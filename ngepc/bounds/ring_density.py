@@ -20,7 +20,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from ngepc.bounds.conjugate import Conjugate, flow_potential
+from ngepc.bounds.conjugate import Conjugate
+from ngepc.bounds.flow_potentials import flow_potential
 from ngepc.bounds.polynomials import (
     NARROW,
     SPLIT,

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ngepc.bounds.conjugate import linear_below
 from ngepc.bounds.coverage import BUBBLE
+from ngepc.bounds.flow_potentials import linear_below
 from ngepc.bounds.polynomials import (
     MIDDLES,
     SPLIT,

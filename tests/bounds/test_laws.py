@@ -16,7 +16,8 @@ from ngepc import (
     error_bound,
     semismooth_newton,
 )
-from ngepc.bounds.conjugate import Conjugate, flow_potential, least_potential
+from ngepc.bounds.conjugate import Conjugate
+from ngepc.bounds.flow_potentials import flow_potential, least_potential
 from ngepc.bounds.simplices import FACETS
 from ngepc.discretisation.resistance import Resistance
 from ngepc.geometries import block

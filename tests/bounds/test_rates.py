@@ -18,7 +18,7 @@ from ngepc import (
     goal_bound,
     semismooth_newton,
 )
-from ngepc.bounds.conjugate import flow_potential, least_potential
+from ngepc.bounds.flow_potentials import flow_potential, least_potential
 from ngepc.bounds.polynomials import triangle_rule
 from ngepc.discretisation.resistance import Resistance
 from ngepc.geometries import block
