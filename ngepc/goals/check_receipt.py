@@ -23,7 +23,7 @@ import sys
 import numpy as np
 from numpy import einsum, ndarray
 
-FORMAT = "ngepc receipt 11"
+FORMAT = "ngepc receipt 12"
 EPS = 16 * 2.0**-52
 LARGEST = 1e20  # number
 KORN = {2: 2.7, 3: 6.3}
@@ -85,8 +85,10 @@ def supremum(y: ndarray, w: ndarray, r: ndarray, H: ndarray, beta: ndarray) -> n
     n = z.mean(axis=0)
     gained = einsum("kcK,cK->kK", z, n / (size(n) + 1 / LARGEST)) - A
     short = (r > 0) * np.maximum(W - gained / np.where(r > 0, r, 1.0), 0.0)
-    excess, _ = outside(w, W)
-    square = inner(excess, excess) + (short**2).mean(axis=0)
+    excess, over = outside(w, W)
+    spare = (r == 0) * np.maximum(2 * beta - np.sqrt((y**2).sum(axis=1)).max(axis=0), 0)
+    less = np.maximum(over**2 - b * spare**2, 0.0).mean(axis=0)
+    square = np.minimum(inner(excess, excess), less) + (short**2).mean(axis=0)
     sizes = np.sqrt(einsum("kcK,kcK->kK", z, z))
     upper = np.minimum(np.sqrt(inner(z, z)), sizes.mean(axis=0))
     return inner(D, D - 2 * y) / 4 + upper - r * (W - b * r) + square / (4 * b)
@@ -124,7 +126,6 @@ class Body:
         self.cells = np.abs(self.cells).astype(int)
         self.other = self.other.astype(int).ravel()
         self.bulk, self.mu, self.hardening, self.beta = self.law[:4]
-        self.start, self.back = np.split(self.law[4:], 2)
         need(self.law[:4] > 1 / LARGEST, "law: a modulus is not positive")
         self.soft = 1 / (1 / (2 * self.mu) + 1 / self.hardening)
         v = np.arange(self.N + 1)
@@ -194,9 +195,9 @@ class Body:
         change = local - local[:, :, self.N, None]
         strain = einsum("LxvkK,vcxK->LkcK", change[:, :, self.between], self.across)
         strain *= -self.degree / (self.N * self.volume)
-        self.moduli = np.stack([self.bulk] + [2 * self.mu] * len(self.back))
+        self.moduli = np.stack([self.bulk] + [2 * self.mu] * (self.stress.shape[2] - 1))
         self.trial = self.moduli * strain
-        self.trial[0, :, 1:] -= self.start
+        self.trial[0, :, 1:] -= np.split(self.law[4:], 2)[0]
         self.parts = self.stress, self.trial, self.moduli, self.law
         grad = self.degree**1.5 * self.N * self.steep * size(change) * self.moduli[:2]
         S, t = (np.array([size(a[:, :, 0]), size(a[:, :, 1:])]) for a in self.parts[:2])
@@ -224,8 +225,8 @@ class Body:
         both = np.stack([goes, goes * self.arm[:, None]]).reshape(2, self.N, -1)
         both[..., self.out] *= self.holds
         gets = both.take(self.other, axis=2) * self.joined
-        sums = np.reshape([both, gets], (2, 2, *self.passed.shape)).sum(axis=3)
-        (goes, turn), (gets, due) = sums
+        goes, turn = both.reshape(2, *self.passed.shape).sum(axis=2)
+        gets, due = gets.reshape(2, *self.passed.shape).sum(axis=2)
         need(goes > (1 + EPS) * (self.force + gets), "passed: too little")
         need(turn > (1 + EPS) * (due + self.length * (self.force + goes)), "arm: short")
         b = 10.9 * KORN[self.N] * turn.sum(axis=0)
@@ -267,13 +268,12 @@ class Body:
         J, gap, *ends = np.concatenate([self.densities(k) for k in blocks], axis=1)
         J = np.append(self.volume * J, -self.work[0, 0])
         gap = most(self.volume * gap, self.opened[0], self.rest)
-        missed = b * (b + math.sqrt(b**2 + 2 * gap))
-        found = {"lower": -most(-J, gap, self.rest, missed)}
-        found["upper"] = most(J, self.rest)
+        lost = b * (b + math.sqrt(b**2 + 2 * gap))
+        found = {"lower": -most(-J, gap, self.rest, lost), "upper": most(J, self.rest)}
         for sign, X in zip((-1, 1), ends, strict=False):
             works = sign * (self.work[0, 1] + self.work[1, 0])
             pushes = self.opened[0] + sign * self.opened[1]
-            end = most(works, pushes, self.volume * X, 3 * self.rest, missed)
+            end = most(works, pushes, self.volume * X, 3 * self.rest, lost)
             found["goal lower" if sign < 0 else "goal upper"] = sign * factor * end
         return found
 

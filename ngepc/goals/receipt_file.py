@@ -82,8 +82,9 @@ def lossy(r: check_receipt.Body, allowed: float) -> np.ndarray:
     """Cells whose bounds of plastic energies lose most; the others lose less than ``allowed``."""
     trial = trial_stress(r)[0]
     missing = r.stress[0] - trial
-    s = trial[:, 1:] - r.back
-    x = r.stress[0, :, 1:] - r.back
+    back = back_stress(r)
+    s = trial[:, 1:] - back
+    x = r.stress[0, :, 1:] - back
     exact = check_receipt.inner(missing, missing / r.moduli)
     exact -= mean_squared_excess(s, r.beta) / (2 * r.mu + r.hardening)
     exact += mean_squared_excess(x, r.beta) / r.hardening
@@ -125,6 +126,11 @@ def most_of_sum(loss: np.ndarray, allowed: float) -> np.ndarray:
 def in_a_row(at: np.ndarray) -> np.ndarray:
     """Values (q, c, K) at points as those of q K cells on which they are constant, (1, c, q K)."""
     return at.swapaxes(0, 1).reshape(1, at.shape[1], -1)
+
+
+def back_stress(r: check_receipt.Body) -> np.ndarray:
+    """The back stress, in coordinates of deviators, (c - 1, K)."""
+    return np.split(r.law[4:], 2)[1]
 
 
 def trial_stress(r: check_receipt.Body) -> np.ndarray:
@@ -238,10 +244,11 @@ def arguments_of_supremum(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """y and v (k, c, K) and H (K,) of the suprema at one end of a goal."""
     H = r.hardening / (2 * r.mu)
-    x = r.stress[0, :, 1:] - r.back
+    back = back_stress(r)
+    x = r.stress[0, :, 1:] - back
     p = x + sign * r.stress[1, :, 1:]
     trial = trial_stress(r)[:, :, 1:]
-    y = p + trial[0] - r.back - sign * trial[1]
+    y = p + trial[0] - back - sign * trial[1]
     return y, p + H * y, H
 
 

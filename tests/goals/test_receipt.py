@@ -31,6 +31,7 @@ from ngepc.geometries import block
 from ngepc.goals import check_receipt, receipt
 from ngepc.goals.receipt_file import (
     arguments_of_supremum,
+    back_stress,
     least_supremum,
     packed,
     proved_intervals,
@@ -344,6 +345,59 @@ def test_the_supremum_of_an_elastic_point_is_a_square():
     np.testing.assert_allclose(bound, length(p + w) ** 2 / 4, rtol=1e-12)
 
 
+def test_plastic_strains_pay_for_what_the_stress_lacks_to_yield():
+    """|y| < 2 beta: strains of vectors beyond V along y, and along random directions."""
+    random = np.random.default_rng(9)
+    law = random_law(random, 600)
+    h, beta = law
+    n, other = random.normal(size=(2, 3, 600))
+    n /= length(n)
+    other /= length(other)
+    beyond = beta * (1 + 2 * h) * 10 ** random.uniform(-0.5, 0.5, 600)
+    y = 2 * beta * random.uniform(0.5, 1, 600) * n
+    for v, limit in ((beyond * n, 2e-3), (beyond * other, np.inf)):
+        p = v - h * y
+        best = best_of(p, y - p, law)
+        bound = supremum(fields(p, y - p, law)[None].repeat(3, axis=0), law)
+        assert (bound >= best * (1 - 1e-12)).all()
+        assert (bound <= best * (1 + limit)).all()
+
+
+@pytest.mark.parametrize("k", [3, 6])
+def test_means_of_suprema_near_yielding_are_bounded(k):
+    """Fields y of size up to 2 beta, and v that leave the ball; half of the cells in one line."""
+    random = np.random.default_rng(10 + k)
+    law = random_law(random, 100)
+    h, beta = law
+    y, v = random.normal(size=(2, k, 3, 100))
+    line = random.normal(size=(3, 50))
+    y[..., :50] = random.uniform(0, 1, (k, 1, 50)) * line
+    v[..., :50] = random.uniform(0.8, 1, (k, 1, 50)) * line
+    y *= 2 * beta * random.uniform(0.3, 1, 100) / length(y, 1).max(axis=0)
+    v *= (
+        beta
+        * (1 + 2 * h)
+        * 10 ** random.uniform(0, 0.7, 100)
+        / length(v, 1).max(axis=0)
+    )
+    bound = with_tangent(np.concatenate([y, v], axis=1), np.zeros(100), law)
+    y, v = at_many(y, 12), at_many(v, 12)
+    p = v - h * y
+    best = np.mean([best_of(*pw, law) for pw in zip(p, y - p, strict=True)], axis=0)
+    assert (bound >= best * (1 - 1e-3)).all()
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_plate_that_almost_yields_has_a_receipt(order, tmp_path):
+    """On rollers: 1.11 times as wide as the interval at most; without the Lemma's end 5.7, 8."""
+    for pull in (5.0, 5.5):
+        loads = {"traction": {"right": (pull, y)}}
+        problem = plate(order=order, **{**ROLLING, **loads})
+        found = goal_bound(semismooth_newton(problem), "work")
+        lower, upper = write_receipt(found, tmp_path / "receipt.npz")
+        assert upper - lower < 1.2 * found.width
+
+
 def test_a_vector_against_the_strain_gains_nothing():
     """A points against v: the bound may not use the tangent at r > 0."""
     law = np.array([[0.1], [1.0]])
@@ -402,8 +456,9 @@ def test_hints_of_tangents_are_near_the_best_ones(order, tmp_path):
     assert (lost < 0.3 * (at_zero - best).sum(axis=1)).all()
 
     # stresses count from the back stress
-    more = body.beta * np.random.default_rng(order).normal(size=body.back.shape)
-    body.back = body.back + more
+    back = back_stress(body)
+    more = body.beta * np.random.default_rng(order).normal(size=back.shape)
+    back += more
     for field in (body.stress, body.trial):
         field[0, :, 1:] += more
     moved = [
@@ -441,14 +496,15 @@ def exact_densities(r):
     """Means of the energy, and of what S and it leave between, by radial returns."""
     t, S = at_many(r.trial[0]), at_many(r.stress[0])
     mu, h, beta, bulk = r.mu, r.hardening, r.beta, r.bulk
-    over = np.maximum(length(t[:, 1:] - r.back, 1) - beta, 0.0)
-    initial = r.start / (2 * mu)
+    start, back = np.split(r.law[4:], 2)
+    over = np.maximum(length(t[:, 1:] - back, 1) - beta, 0.0)
+    initial = start / (2 * mu)
     e = t[:, 1:] / (2 * mu) + initial
     energy = t[:, 0] ** 2 / (2 * bulk) + mu * length(e - initial, 1) ** 2
     energy -= mu * length(initial) ** 2 + over**2 / (2 * (2 * mu + h))
-    over = np.maximum(length(S[:, 1:] - r.back, 1) - beta, 0.0)
+    over = np.maximum(length(S[:, 1:] - back, 1) - beta, 0.0)
     dual = S[:, 0] ** 2 / (2 * bulk) + over**2 / (2 * h)
-    dual += length(S[:, 1:] + r.start, 1) ** 2 / (4 * mu)
+    dual += length(S[:, 1:] + start, 1) ** 2 / (4 * mu)
     work = S[:, 0] * t[:, 0] / bulk + (S[:, 1:] * e).sum(axis=1)
     return energy.mean(axis=0), (energy + dual - work).mean(axis=0)
 
@@ -786,7 +842,7 @@ def test_the_checker_is_short():
 def test_a_receipt_of_an_older_format_says_so(tmp_path):
     path = tmp_path / "receipt.npz"
     np.savez(path, header=json.dumps({"format": "ngepc receipt 9"}))
-    with pytest.raises(ValueError, match="not 'ngepc receipt 11', write it again"):
+    with pytest.raises(ValueError, match="not 'ngepc receipt 12', write it again"):
         check_receipt.check(path)
 
 
