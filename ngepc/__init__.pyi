@@ -41,10 +41,10 @@ from ngepc.goals.receipt import write_receipt as write_receipt
 from ngepc.goals.verdicts import Verdict as Verdict
 from ngepc.goals.verdicts import confidence as confidence
 from ngepc.goals.verdicts import verdict as verdict
-from ngepc.limit.load import LimitLoad as LimitLoad
-from ngepc.limit.load import LimitRecord as LimitRecord
-from ngepc.limit.load import LimitStatus as LimitStatus
 from ngepc.limit.load import limit_load as limit_load
+from ngepc.limit.outcome import LimitLoad as LimitLoad
+from ngepc.limit.outcome import LimitRecord as LimitRecord
+from ngepc.limit.outcome import LimitStatus as LimitStatus
 from ngepc.limit.shakedown import ShakedownLoad as ShakedownLoad
 from ngepc.limit.shakedown import shakedown_load as shakedown_load
 from ngepc.linalg.linesearch import Armijo as Armijo

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ngepc.cli.work import check_targets, load_run, name_written
 from ngepc.goals.adaptive import BoundedResult
-from ngepc.limit.load import Bracketed
+from ngepc.limit.outcome import Bracketed
 from ngepc.pictures import live
 from ngepc.pictures.collapse import plot_bracket, plot_mechanism, plot_residual_stress
 from ngepc.pictures.intervals import plot_interval

@@ -26,7 +26,8 @@ from ngepc.dual.result import DualResult
 from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import Coupled
 from ngepc.goals.adaptive import BoundedResult, MeshRecord, solve_to
-from ngepc.limit.load import LimitRecord, limit_load
+from ngepc.limit.load import limit_load
+from ngepc.limit.outcome import LimitRecord
 from ngepc.limit.shakedown import shakedown_load
 from ngepc.model.problem import Problem
 from ngepc.results import checkpoint, records

@@ -5,19 +5,15 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from enum import Enum
-from functools import cached_property
 
 import numpy as np
-from ngsolve import CoefficientFunction, GridFunction, Mesh
+from ngsolve import Mesh
 
 from ngepc.bounds.simplices import Simplices, marked
-from ngepc.bounds.sizes import power_of_two
 from ngepc.bounds.transfer import bisected
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.checks.sentences import counted, in_words, outward
+from ngepc.checks.sentences import in_words
 from ngepc.limit.bisection import (
     bisected_cells,
     fan_cells,
@@ -26,18 +22,12 @@ from ngepc.limit.bisection import (
 )
 from ngepc.limit.bracket import MeshBracket, bracket_on, carried_centre
 from ngepc.limit.data import GROWS, LimitData
-from ngepc.limit.fields import (
-    cell_order,
-    mesh_of,
-    on_elements,
-    stress_function,
-    velocity_function,
-)
+from ngepc.limit.fields import mesh_of
+from ngepc.limit.outcome import LimitLoad, LimitRecord, LimitStatus, width_of
 from ngepc.limit.reading import check_limit_problem, growing_names, limit_data
 from ngepc.limit.rigid import moves_freely
 from ngepc.limit.yielding import SHAPES, YieldShape
 from ngepc.linalg.blas import one_blas_thread
-from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
 
 log = logging.getLogger(__name__)
@@ -69,203 +59,6 @@ COARSEST = 1e-5
 
 NOTHING = 1e-6
 """A smaller lower/upper ratio indicates loads that are incompatible at the edges of a solid."""
-
-HARDENS = "Hardening is neglected: the strength is the yield stress of the material."
-
-
-class LimitStatus(Enum):
-    """How the search for a limit load ended; the value is the sentence for the user."""
-
-    REACHED = "The bounds are as close as requested."
-    MESH_LIMIT = (
-        "The bounds are valid; a finer mesh would be needed, but max_cells forbids it."
-    )
-    STOPPED = "The monitor stopped the run; the bounds of the last mesh are valid."
-    TOO_WEAK = (
-        "No stress within the yield bound was found that balances the constant loads."
-    )
-    OVERLOADED = "The constant loads alone make the body collapse, whatever the growing loads are."
-    UNLIMITED = (
-        "No factor makes the body collapse: stresses within the yield bound balance each multiple"
-        " of the growing loads."
-    )
-    FREE = (
-        "The growing loads drive a rigid motion that supports and obstacles leave free: the limit"
-        " load is zero."
-    )
-
-    def __str__(self) -> str:
-        return self.label
-
-    @property
-    def label(self) -> str:
-        """Short name for tables and files: 'reached', 'mesh_limit', ..."""
-        return self.name.lower()
-
-    @property
-    def is_success(self) -> bool:
-        """Whether the bounds are as close as requested; two zeros are."""
-        return self in (LimitStatus.REACHED, LimitStatus.FREE)
-
-
-@dataclass(frozen=True)
-class LimitRecord:
-    """The record of one mesh of ``limit_load``.
-
-    Parameters
-    ----------
-    cells
-        Elements of the mesh.
-    unknowns
-        Numbers of unknowns of the programs for the lower and the upper bound.
-    lower, upper
-        The best bounds up to this mesh.
-    steps
-        Steps of the interior point method for the lower and the upper bound.
-    words
-        Final status of the solver for both.
-    """
-
-    cells: int
-    unknowns: tuple[int, int]
-    lower: float
-    upper: float
-    steps: tuple[int, int]
-    words: tuple[str, str]
-
-    @property
-    def relative_width(self) -> float:
-        """(upper - lower) / lower."""
-        return width_of(self.lower, self.upper)
-
-
-def width_of(lower: float, upper: float) -> float:
-    """(upper - lower) / |lower|, infinite where a bound is infinite or only the lower one zero."""
-    if upper == lower and math.isfinite(lower):
-        return 0.0
-    if not math.isfinite(upper - lower) or lower == 0:
-        return math.inf
-    return (upper - lower) / abs(lower)
-
-
-class Bracketed:
-    """Width and last mesh of a result with both bounds: a limit load or a shakedown load."""
-
-    problem: Problem
-    lower: float
-    upper: float
-    last: MeshBracket
-
-    @property
-    def relative_width(self) -> float:
-        """(upper - lower) / lower."""
-        return width_of(self.lower, self.upper)
-
-    @cached_property
-    def mesh(self) -> Mesh:
-        """The last mesh, on which the fields are given."""
-        return mesh_of(self.last.data, self.problem.mesh, self.length)
-
-    @property
-    def length(self) -> float:
-        """The unit of length of ``last``: the extent of the body, as a power of two."""
-        extent = np.ptp(vertex_coordinates(self.problem.mesh), axis=0).max()
-        return power_of_two(float(extent))
-
-
-@dataclass(frozen=True, eq=False)
-class LimitLoad(Bracketed):
-    """The result of ``limit_load``.
-
-    Parameters
-    ----------
-    problem
-        The problem.
-    growing
-        The loads that grow, by name.
-    lower, upper
-        The body carries the load factor ``lower``, and none above ``upper``; the factor multiplies
-        the growing loads.  If supports move, it is the power of their reactions: for a punch with
-        the displacement (0, -1) its force.
-    status
-        How the search ended.
-    records
-        One for each mesh.
-    last
-        Stress and mechanism of the last mesh, as arrays, in units of the extent of the body and of
-        the largest yield bound, as powers of two.
-    """
-
-    problem: Problem
-    growing: tuple[str, ...]
-    lower: float
-    upper: float
-    status: LimitStatus
-    records: list[LimitRecord]
-    last: MeshBracket
-
-    @property
-    def message(self) -> str:
-        """How the search ended, and what limit analysis neglects."""
-        return f"{self.status.value} {HARDENS}"
-
-    @cached_property
-    def mechanism(self) -> GridFunction | None:
-        """The collapse mechanism, a velocity on ``mesh`` with a largest speed of one."""
-        if self.last.mechanism is None:
-            return None
-        return velocity_function(self.mesh, self.last.data, self.last.mechanism)
-
-    @cached_property
-    def stress(self) -> CoefficientFunction | None:
-        """An admissible stress, an N x N tensor on ``mesh`` (stress).
-
-        In plane strain sigma_zz is the mean of the other two normal stresses.
-        """
-        if self.last.stress is None:
-            return None
-        shape = SHAPES[self.problem.kinematics.name]
-        unit = strongest(self.problem)
-        return stress_function(self.mesh, self.last.data, shape, self.last.stress, unit)
-
-    @cached_property
-    def indicators(self) -> GridFunction | None:
-        """Dissipation minus power of the stress, over the power of the loads, for each element.
-
-        They are nonnegative; with the terms on obstacles their sum is the relative width of the
-        bounds of this mesh.  None without a stress or a mechanism, or if the lower bound is zero.
-        """
-        if self.last.stress is None or self.last.mechanism is None:
-            return None
-        if self.last.lower == 0:
-            return None
-        gaps = self.last.gaps[cell_order(self.last.data)]
-        return on_elements(self.mesh, gaps / abs(self.last.lower))
-
-    @cached_property
-    def dissipation(self) -> GridFunction | None:
-        """Density of dissipation of each element over the mean density of the body.
-
-        None without a mechanism.
-        """
-        if self.last.mechanism is None:
-            return None
-        order = cell_order(self.last.data)
-        dissipated = self.last.mechanism.dissipated[order]
-        volume = self.last.data.cells.volume[order]
-        density = dissipated / volume * volume.sum() / dissipated.sum()
-        return on_elements(self.mesh, density)
-
-    def __repr__(self) -> str:
-        bracket = ", ".join(outward(self.lower, self.upper))
-        meshes = counted(len(self.records), "mesh", "meshes")
-        finest = counted(self.records[-1].cells, "element")
-        return f"<LimitLoad: [{bracket}], {self.status.label}, {meshes}, {finest}>"
-
-
-def strongest(problem: Problem) -> float:
-    """The unit of stress of ``LimitLoad.last``: the largest yield bound, as a power of two."""
-    return power_of_two(float(limit_data(problem, ()).bound.max()))
 
 
 @one_blas_thread

@@ -26,15 +26,8 @@ from ngepc.limit.cycles import alternating_bound, cycle_bracket_on
 from ngepc.limit.data import LimitData
 from ngepc.limit.elastic import EXACT, INITIAL_STRAIN, elastic_stress, without_loads
 from ngepc.limit.fields import stress_function, velocity_function
-from ngepc.limit.load import (
-    Bracketed,
-    LimitRecord,
-    LimitStatus,
-    Search,
-    check_search,
-    limit_load,
-    strongest,
-)
+from ngepc.limit.load import Search, check_search, limit_load
+from ngepc.limit.outcome import Bracketed, LimitRecord, LimitStatus, strongest
 from ngepc.limit.reading import (
     BODY_FORCE,
     COVERS,

@@ -16,7 +16,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import outward
 from ngepc.limit.bracket import dissipation_of
 from ngepc.limit.fields import corner_values
-from ngepc.limit.load import LimitLoad
+from ngepc.limit.outcome import LimitLoad
 from ngepc.limit.shakedown import ShakedownLoad
 from ngepc.pictures.stills import draw_solid, solid_image
 from ngepc.pictures.style import COLOURS, new_picture, require_axes, styled

@@ -11,7 +11,8 @@ from ngepc.geometries.published import (
     quarter_sheet,
     vertical_cut,
 )
-from ngepc.limit.load import LimitLoad, limit_load
+from ngepc.limit.load import limit_load
+from ngepc.limit.outcome import LimitLoad
 from ngepc.model.material import Material
 from ngepc.model.places import Roller
 from ngepc.model.problem import Problem

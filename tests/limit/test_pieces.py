@@ -13,7 +13,8 @@ from ngepc.geometries import block
 from ngepc.limit.bracket import bracket_on
 from ngepc.limit.data import GROWS, STAYS, barycentric
 from ngepc.limit.flow_proof import _of_speeds
-from ngepc.limit.load import MARKING, Search, width_of
+from ngepc.limit.load import MARKING, Search
+from ngepc.limit.outcome import width_of
 from ngepc.limit.outline import Outline
 from ngepc.limit.reading import growing_names, limit_data
 from ngepc.limit.repair import Projection
