@@ -1,7 +1,7 @@
 """Every command and every study with its options: tables, from which the parser is made.
 
-The work itself is in ``ngepc.cli.work`` and ``ngepc.studies``.  This module does not import
-NGSolve, so that help and usage errors appear at once.
+The work itself is in ``solve``, ``work``, ``figures`` and ``receipts``, and in ``ngepc.studies``.
+This module does not import NGSolve, so that help and usage errors appear at once.
 """
 
 import argparse
@@ -224,6 +224,7 @@ COMMANDS = {
             "--save FILE",
             "--figures DIR",
         ),
+        "solve:solve",
     ),
     "path": Command(
         "follow the path in gamma on one mesh", (*BODY, "--checkpoint FILE", *PATH)

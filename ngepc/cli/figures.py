@@ -4,7 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from ngepc.cli.work import check_targets, load_run, name_written
+from ngepc.cli.output import check_targets, name_written
+from ngepc.cli.solve import load_run
 from ngepc.goals.adaptive import BoundedResult
 from ngepc.limit.outcome import Bracketed
 from ngepc.pictures import live

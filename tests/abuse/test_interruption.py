@@ -37,7 +37,7 @@ from ngepc import (
     shakedown_load,
 )
 from ngepc.__main__ import main
-from ngepc.cli.work import reporter
+from ngepc.cli.output import reporter
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.evolution.distance import bound_of_step
 from ngepc.evolution.solver import evolve

@@ -20,7 +20,7 @@ from ngepc import (
     verdict,
 )
 from ngepc.__main__ import main
-from ngepc.cli import work
+from ngepc.cli import solve
 from ngepc.geometries import block
 from ngepc.pictures.wording import how_exact
 
@@ -112,7 +112,7 @@ def test_reports(pressed):
 def test_the_command_line(pressed, monkeypatch, capsys):
     result, proved = pressed
     flat = replace(result.problem, kinematics="two-dimensional", order=1)
-    monkeypatch.setattr(work, "example", lambda *arguments: flat)
+    monkeypatch.setattr(solve, "example", lambda *arguments: flat)
     assert main(["solve", "lshape"]) == 0
     out = capsys.readouterr().out
     assert f"percent, {word(proved)}" in out

@@ -14,7 +14,7 @@ import pytest
 
 from ngepc import Material, Problem, Refinement, solve_to
 from ngepc.__main__ import main, parsed
-from ngepc.cli import work
+from ngepc.cli import solve
 from ngepc.cli.commands import COMMANDS, EXAMPLES
 from ngepc.geometries import block
 from ngepc.results.records import FIELDS
@@ -204,7 +204,7 @@ def test_states_that_are_no_solution_have_no_bound(capsys):
 
 def test_an_error_that_no_allowed_mesh_reaches_is_exit_status_1(monkeypatch, capsys):
     few = partial(solve_to, options=Refinement(max_nodes=100))
-    monkeypatch.setattr("ngepc.cli.work.solve_to", few)
+    monkeypatch.setattr("ngepc.cli.solve.solve_to", few)
     assert (
         main(["solve", "lshape", "--nodes", "33", "--error", "1e-3", "--json", "-"])
         == 1
@@ -409,7 +409,7 @@ def stopping_at(step, monkeypatch):
         def __exit__(self, *_):
             pass
 
-    monkeypatch.setattr("ngepc.cli.work.progress_line", Line)
+    monkeypatch.setattr("ngepc.cli.solve.progress_line", Line)
 
 
 def test_ctrl_c_names_the_step_and_how_to_resume(tmp_path, monkeypatch, capsys):
@@ -433,7 +433,7 @@ def test_ctrl_c_between_solves_promises_only_what_was_written(
     def pressed(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ngepc.cli.work.solve_to", pressed)
+    monkeypatch.setattr("ngepc.cli.solve.solve_to", pressed)
     assert main(["solve", "lshape", "--nodes", "33", "--error", "0.1"]) == 130
     err = capsys.readouterr().err
     assert err == "ngepc solve: interrupted; files written so far are kept\n"
@@ -489,7 +489,7 @@ def test_a_start_from_another_body_is_refused(tmp_path, capsys):
 @pytest.mark.parametrize("asked", [{"goal": "work"}, {"error": 0.1}])
 def test_a_goal_or_an_error_refines_the_mesh(asked, monkeypatch):
     run = SimpleNamespace(bound="bound")
-    monkeypatch.setattr(work, "_refined", lambda args, problem: ("result", run))
+    monkeypatch.setattr(solve, "_refined", lambda args, problem: ("result", run))
     given = {
         "problem": "lshape",
         "nodes": 113,
@@ -497,7 +497,7 @@ def test_a_goal_or_an_error_refines_the_mesh(asked, monkeypatch):
         "goal": None,
         "error": None,
     }
-    result, seconds, *found = work._solution(SimpleNamespace(**given | asked))
+    result, seconds, *found = solve._solution(SimpleNamespace(**given | asked))
     assert (result, *found) == ("result", "bound", run)
     assert 0 <= seconds < 10
 
