@@ -13,7 +13,7 @@ import pytest
 
 from ngepc import evolve, lshape_problem
 from ngepc.__main__ import main
-from ngepc.cli.work import load_run
+from ngepc.cli.solve import load_run
 from ngepc.dual.path import PathOptions, follow_path
 from ngepc.geometries import lshape
 from ngepc.results import checkpoint
