@@ -20,6 +20,7 @@ from ngepc.checks.sentences import counted, in_words
 from ngepc.evolution.result import Evolution
 from ngepc.model.problem import Problem
 from ngepc.pictures.drawable import UnitNames, fields_of, require_units, sources_of
+from ngepc.pictures.quantities import units_of
 from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.style import (
     COLOURS,
@@ -29,7 +30,6 @@ from ngepc.pictures.style import (
     require_axes,
     styled,
 )
-from ngepc.pictures.wording import units_of
 from ngepc.results.fields import Fields
 from ngepc.results.outcome import History
 

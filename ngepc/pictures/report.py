@@ -16,19 +16,15 @@ from ngepc.checks.kinds import require_path, require_text
 from ngepc.checks.sentences import counted, in_words
 from ngepc.evolution.result import Evolution
 from ngepc.model.problem import Problem
+from ngepc.pictures.answers import describe_history, describe_result, how_exact
 from ngepc.pictures.curves import plot_contact_pressure, plot_curve, plot_history
 from ngepc.pictures.drawable import UnitNames, require_units
 from ngepc.pictures.fields import plot_field, plot_mesh, plot_plastic_zone
 from ngepc.pictures.meshes import axis_names
+from ngepc.pictures.quantities import number
+from ngepc.pictures.rows import flat_rows
 from ngepc.pictures.style import png_address
-from ngepc.pictures.wording import (
-    describe_history,
-    describe_problem,
-    describe_result,
-    flat_rows,
-    how_exact,
-    number,
-)
+from ngepc.pictures.wording import describe_problem
 from ngepc.results.records import write_text
 from ngepc.results.result import Result
 

@@ -1,22 +1,12 @@
-"""Descriptions of problems, results and histories in words and numbers, for reports.
-
-Every row has a name and a value with its unit; there are no vectors and no Python objects.
-"""
+"""Descriptions of problems and materials in words and numbers, for reports."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 
-import numpy as np
-
-from ngepc.bounds.bound import error_bound
 from ngepc.checks.arguments import is_number, require_components, sample
-from ngepc.checks.sentences import at_most_percent, counted, in_percent
-from ngepc.evolution.result import Evolution
-from ngepc.goals.goal_bound import goal_bound
-from ngepc.local.indicators import error_indicators
-from ngepc.local.result import ExactResult
+from ngepc.checks.sentences import counted
 from ngepc.model.hardening import HardeningLaw
 from ngepc.model.hill import Hill
 from ngepc.model.material import Material
@@ -24,11 +14,8 @@ from ngepc.model.places import Coulomb, Roller, values_at
 from ngepc.model.problem import Problem
 from ngepc.model.viscosity import RateLaw
 from ngepc.pictures.drawable import PLAIN, UnitNames
-from ngepc.pictures.sampling import corners_of, visible
-from ngepc.results.fields import Fields
-from ngepc.results.result import Result
-
-Rows = list[dict[str, object]]
+from ngepc.pictures.quantities import amount, number, unit_of, vector
+from ngepc.pictures.rows import Rows, row
 
 GIVEN = {
     "young": ("Young's modulus E", "stress"),
@@ -40,113 +27,8 @@ GIVEN = {
     "kinematic_share": ("kinematic part of the hardening", ""),
 }
 """Arguments of ``Material.metal`` -> words, and their unit."""
-
 RATE = "overstress of the rate of plastic strain"
 HILL = "anisotropic yield"
-
-
-FORCES = {
-    ("mm", "MPa"): "N",
-    ("mm", "GPa"): "kN",
-    ("m", "Pa"): "N",
-    ("m", "kPa"): "kN",
-    ("m", "MPa"): "MN",
-}
-"""Units of length and stress -> the unit of stress times an area."""
-
-SMALLEST = 1e-4
-"""Smaller numbers are written with a power of ten."""
-LARGEST = 1e7
-"""Numbers from here on are written with a power of ten."""
-ALIKE = 1e-6
-"""Vectors that differ by less, relative to the largest, are written as one."""
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def unit_of(units: UnitNames, kind: str) -> str:
-    """The unit behind a number."""
-    name = getattr(units, kind, "")
-    return f" {name}" if name else ""
-
-
-def force_unit(units: UnitNames, problem: Problem) -> str:
-    """The unit of forces: stress times an area, in plane models without thickness per length."""
-    length = units.length
-    stress = units.stress
-    if not (length and stress):
-        return ""
-    per_length = problem.N == 2 and not is_whole_body(problem)
-    area = FORCES.get((length, stress))
-    if area is None:
-        return f" {stress}·{length}" if per_length else f" {stress}·{length}²"
-    return f" {area}/{length}" if per_length else f" {area}"
-
-
-def units_of(units: UnitNames, problem: Problem) -> dict[str, str]:
-    """Kind of quantity -> its unit, empty where it has no name."""
-    force = force_unit(units, problem).strip()
-    energy = force.removesuffix(f"/{units.length}")  # per length: N mm/mm is N
-    if energy == force:
-        energy = _longer(force, units.length) if force else ""
-    return {
-        "length": units.length,
-        "stress": units.stress,
-        "force": force,
-        "energy": energy,
-    }
-
-
-def _longer(unit: str, length: str) -> str:
-    """A unit times a length: 'N·mm', and 'MPa·cm²' for 'MPa·cm'."""
-    for power, following in (("", "²"), ("²", "³")):
-        if unit.endswith(f"·{length}{power}"):
-            return f"{unit.removesuffix(power)}{following}"
-    return f"{unit}·{length}"
-
-
-def is_whole_body(problem: Problem) -> bool:
-    """Whether forces in the plane are those of a whole ring or of a given thickness."""
-    return problem.kinematics.hoop or problem.thickness is not None
-
-
-def number(value: float, unit: str = "", digits: int = 5) -> str:
-    """A number as engineers write it, with its unit: 210000 MPa, 0.0287, 4.2·10⁻¹³.
-
-    All digits before the decimal point are written; ``digits`` of them count otherwise.
-    """
-    size = abs(value)
-    if size >= 10 ** (digits - 1) and size < LARGEST:
-        text = f"{value:.0f}"
-    elif value == 0 or SMALLEST <= size < LARGEST or not math.isfinite(value):
-        text = f"{value:.{digits}g}"
-    else:
-        factor, power = f"{value:.{digits - 1}e}".split("e")
-        factor = factor.rstrip("0").rstrip(".")
-        text = f"{factor}·10{str(int(power)).translate(SUPERSCRIPTS)}"
-    return f"{text}{unit}".replace("-", "−")
-
-
-def row(quantity: str, value: object) -> dict[str, object]:
-    """A row of a table."""
-    return {"quantity": quantity, "value": value}
-
-
-def amount(value: object, unit: str) -> str:
-    """A number, or the remark that it varies in space."""
-    return number(value, unit) if is_number(value) else "varies in space"
-
-
-def vector(values: np.ndarray, unit: str = "") -> str:
-    """The components of vectors (n, N) that are all alike, otherwise their sizes."""
-    sizes = np.linalg.norm(values, axis=1)
-    low = sizes.min()
-    high = sizes.max()
-    if np.abs(values - values[0]).max() <= ALIKE * high:
-        components = np.where(np.abs(values[0]) > ALIKE * high, values[0], 0.0)
-        return f"({', '.join(map(number, components.tolist()))}){unit}"
-    if high - low <= ALIKE * high:
-        return f"of size {number(high, unit)}"
-    return f"of size between {number(low, unit)} and {number(high, unit)}"
 
 
 def describe_problem(problem: Problem, units: UnitNames = PLAIN) -> Rows:
@@ -179,6 +61,17 @@ def describe_material(
         if material.overlay is not None:
             return [*rows, row("hardening", f"cyclic, {_layers(material)}")]
         return rows
+    return [
+        *_elasticity(material, stress, size),
+        *_yielding(material, stress, size),
+        *_hardening(material, stress),
+        *([row(HILL, said_law(material.hill))] if material.hill is not None else []),
+        *([row(RATE, said_law(material.rate))] if material.rate is not None else []),
+    ]
+
+
+def _elasticity(material: Material, stress: str, size: int) -> Rows:
+    """Lame's parameters; of a body in three dimensions also E and Poisson's ratio."""
     lame_lambda = material.lame_lambda
     lame_mu = material.lame_mu
     rows = [
@@ -190,28 +83,32 @@ def describe_material(
         young = lame_mu * (3 * lame_lambda + 2 * lame_mu) / total
         rows.append(row("Young's modulus E", number(young, stress)))
         rows.append(row("Poisson's ratio", number(lame_lambda / (2 * total))))
+    return rows
+
+
+def _yielding(material: Material, stress: str, size: int) -> Rows:
+    """The bound of the deviator, and the yield stress of a bar that belongs to it."""
     bound = material.yield_stress
-    rows.append(row("yield bound of |dev σ|", amount(bound, stress)))
+    rows = [row("yield bound of |dev σ|", amount(bound, stress))]
     if is_number(bound):
         share = math.sqrt((size - 1) / size)  # |dev sigma| over the tension of a bar
         rows.append(row(GIVEN["yield_stress"][0], number(bound / share, stress)))
-    others = {
+    return rows
+
+
+def _hardening(material: Material, stress: str) -> Rows:
+    """Linear hardening other than zero, and the law or the sub-elements; or that there is none."""
+    moduli = {
         "kinematic hardening modulus": material.hardening,
         "isotropic hardening, h": material.isotropic_hardening,
     }
-    zero = [name for name, value in others.items() if is_number(value) and value == 0]
-    rows += [row(n, amount(v, stress)) for n, v in others.items() if n not in zero]
+    zero = [name for name, value in moduli.items() if is_number(value) and value == 0]
+    rows = [row(n, amount(v, stress)) for n, v in moduli.items() if n not in zero]
     if material.law is not None:
-        rows.append(row("hardening law", said_law(material.law)))
-    elif material.overlay is not None:
-        rows.append(row("hardening", _layers(material)))
-    elif len(zero) == len(others):
-        rows.append(row("hardening", "none: perfectly plastic"))
-    if material.hill is not None:
-        rows.append(row(HILL, said_law(material.hill)))
-    if material.rate is not None:
-        rows.append(row(RATE, said_law(material.rate)))
-    return rows
+        return [*rows, row("hardening law", said_law(material.law))]
+    if material.overlay is not None:
+        return [*rows, row("hardening", _layers(material))]
+    return rows or [row("hardening", "none: perfectly plastic")]
 
 
 def _layers(material: Material) -> str:
@@ -302,149 +199,3 @@ def _contact(problem: Problem, units: UnitNames) -> Rows:
         bound = amount(friction, unit_of(units, "stress"))
         rows.append(row("friction", f"Tresca's law, bound {bound}"))
     return rows
-
-
-def describe_result(result: Result, units: UnitNames = PLAIN) -> Rows:
-    """The answer in numbers: forces, extremes of the fields, the error, how the run ended."""
-    length = unit_of(units, "length")
-    stress = unit_of(units, "stress")
-    fields = result.fields
-    peeq = number(largest(fields, "accumulated_plastic_strain"))
-    steps = [row("Newton steps", str(result.iterations))]
-    return [
-        *contact_answer(result, units),
-        row("largest displacement", number(largest(fields, "displacement"), length)),
-        row("largest von Mises stress", number(largest(fields, "von_mises"), stress)),
-        row("largest equivalent plastic strain (PEEQ)", peeq),
-        *reaction_answer(result, units),
-        row("error of the mesh", how_exact(result)),
-        row("status", str(result.status).replace("_", " ")),
-        *(steps if result.history.records else []),
-        row("relative residual", number(result.residual_norm, digits=2)),
-    ]
-
-
-def contact_answer(result: Result, units: UnitNames) -> Rows:
-    """The contact force with its interval, and the largest pressure; nothing without contact."""
-    problem = result.problem
-    if not problem.touching_names:
-        return []
-    unit = force_unit(units, problem)
-    pressure = number(largest_pressure(result), unit_of(units, "stress"))
-    rows = [row("contact force", number(result.contact_force, unit))]
-    interval = interval_of_force(result, unit)
-    if interval:
-        rows.append(row("interval of the contact force", interval))
-    return [*rows, row("largest contact pressure", pressure)]
-
-
-def interval_of_force(result: Result, unit: str) -> str:
-    """The interval of the contact force of the continuous problem; '' if none is known.
-
-    In the plane, where it costs about as much as the solution.
-    """
-    if result.problem.N != 2 or not isinstance(result, ExactResult):
-        return ""
-    try:
-        found = goal_bound(result, "contact_force")
-    except (ValueError, RuntimeError):
-        return ""
-    lower, upper = (number(end, digits=4) for end in found.interval)
-    proof = "guaranteed" if found.guaranteed else "computed, not proved"
-    return f"{lower} to {upper}{unit} ({proof})"
-
-
-def reaction_answer(result: Result, units: UnitNames) -> Rows:
-    """The forces of the supports on the body, without rounding errors."""
-    unit = force_unit(units, result.problem)
-    rows = []
-    for place, force in result.equilibrium.reactions.items():
-        rounded = np.where(np.abs(force) > 1e-9 * np.abs(force).max(), force, 0.0)
-        directions = result.problem.kinematics.directions
-        for letter, component in zip(directions, rounded, strict=False):
-            what = f"force of support {str(place)!r} on the body, {letter}"
-            rows.append(row(what, number(component, unit)))
-    return rows
-
-
-def largest(fields: Fields, name: str) -> float:
-    """The largest size of a field at the points of a picture."""
-    values = corners_of(fields, visible(fields, getattr(fields, name))).values
-    return float((np.linalg.norm(values, axis=2) if values.ndim == 3 else values).max())
-
-
-def largest_pressure(result: Result) -> float:
-    """The largest contact pressure at the corners of the contact boundary."""
-    where = "|".join(result.problem.touching_names)
-    return float(corners_of(result.fields, result.contact_pressure, where).values.max())
-
-
-def how_exact(result: Result) -> str:
-    """The bound of the energy error, an estimate if there is none, or the reason."""
-    if not isinstance(result, ExactResult):
-        return "not known: the exact method is needed"
-    try:
-        bound = error_bound(result)
-    except (ValueError, RuntimeError):
-        return estimated_error(result)
-    size = f"{at_most_percent(bound.relative)} of the energy"
-    if bound.guaranteed:
-        return f"at most {size}, guaranteed"
-    return f"at most {size}, known from samples of the data"
-
-
-def estimated_error(result: ExactResult) -> str:
-    """The estimate of the error in energy from recovered stresses."""
-    try:
-        error = sum(error_indicators(result).vec)
-    except ValueError as reason:
-        return f"not known: {str(reason).partition(': ')[2] or reason}"
-    part = error / abs(result.primal_energy) if result.primal_energy else 0.0
-    return f"about {in_percent(part)} of the energy, an estimate without guarantee"
-
-
-COLUMNS = {
-    "time": ("time", ""),
-    "iterations": ("Newton steps", ""),
-    "contact_force": ("contact force", "force"),
-    "max_contact_pressure": ("largest pressure", "stress"),
-    "max_plastic_strain": ("largest |p|", ""),
-    "dissipation": ("dissipation", "energy"),
-    "elastic_energy": ("elastic energy", "energy"),
-}
-"""Columns of the table of a history -> their headings, and the kinds of their units."""
-
-
-def describe_history(history: Evolution, units: UnitNames = PLAIN) -> Rows:
-    """A row of numbers for each step."""
-    names = units_of(units, history.problem)
-    heads = {
-        name: f"{words} ({names[kind]})" if names.get(kind) else words
-        for name, (words, kind) in COLUMNS.items()
-    }
-    return [
-        {words: getattr(step.record, name) for name, words in heads.items()}
-        for step in history.steps
-    ]
-
-
-def flat_rows(rows: Rows) -> Rows:
-    """Rows whose vectors and mappings stand in columns of their own: 'reaction_x'."""
-    return [dict(item for k, v in one.items() for item in flat(k, v)) for one in rows]
-
-
-def flat(name: str, value: object) -> list[tuple[str, object]]:
-    """A value, or the parts of a vector or a mapping, by their names."""
-    if isinstance(value, Mapping):
-        pairs = [
-            (f"{letter}:{k}", v) for k, vs in value.items() for letter, v in parts(vs)
-        ]
-        return [(f"{name.removesuffix('s')}_{where}", v) for where, v in pairs]
-    if isinstance(value, list | tuple | np.ndarray):
-        return [(f"{name}_{letter}", v) for letter, v in parts(value)]
-    return [(name, value)]
-
-
-def parts(vector: object) -> list[tuple[str, float]]:
-    """x, y, z and the components of a vector."""
-    return [(letter, float(v)) for letter, v in zip("xyz", vector, strict=False)]

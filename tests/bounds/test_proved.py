@@ -22,7 +22,7 @@ from ngepc import (
 from ngepc.__main__ import main
 from ngepc.cli import solve
 from ngepc.geometries import block
-from ngepc.pictures.wording import how_exact
+from ngepc.pictures.answers import how_exact
 
 # elastic, since goals of bodies that yield are integrated by a rule
 MATERIAL = Material.kinematic(

@@ -17,14 +17,15 @@ from ngepc import (
 )
 from ngepc.geometries import block
 from ngepc.pictures import UnitNames, plot_mesh
+from ngepc.pictures.answers import largest, reaction_answer
 from ngepc.pictures.drawable import NEVER_NEGATIVE, PLAIN, drawable, on_one_scale
 from ngepc.pictures.fields import Drawing
+from ngepc.pictures.quantities import number
 from ngepc.pictures.report import html_table
 from ngepc.pictures.sampling import corners_of
 from ngepc.pictures.sliders import load_size
 from ngepc.pictures.views import lines_of, scene_of
 from ngepc.pictures.vtu import CELLS, is_turned
-from ngepc.pictures.wording import largest, number, reaction_answer
 from ngepc.results.outcome import History, IterationRecord
 
 METAL = Material.kinematic(

@@ -23,18 +23,12 @@ from ngepc import (
 )
 from ngepc.geometries import block, lshape
 from ngepc.pictures import UnitNames, plot_field
+from ngepc.pictures.answers import describe_result
+from ngepc.pictures.quantities import force_unit, number, units_of, vector
 from ngepc.pictures.report import html_table, mesh_picture, narrow, write_report
+from ngepc.pictures.rows import flat_rows
 from ngepc.pictures.views import show, viewer_installed
-from ngepc.pictures.wording import (
-    describe_material,
-    describe_problem,
-    describe_result,
-    flat_rows,
-    force_unit,
-    number,
-    units_of,
-    vector,
-)
+from ngepc.pictures.wording import describe_material, describe_problem
 
 ROWS = [
     {"gamma": 1e3, "paper": 8, "here": 7, "status": "converged"},
