@@ -114,6 +114,10 @@ OPTIONS = {
     "--tolerance X": (positive, "tolerance of the residual, default 1e-10"),
     "--max-iterations N": (count, "largest number of Newton steps, default 300"),
     "--save FILE": (location, "save the run in a .npz file"),
+    "--receipt FILE": (
+        location,
+        "write the proof of the interval to a .npz file, for ngepc check",
+    ),
     "--figures DIR": (location, "write PNG figures to this folder"),
     "--gamma-start G": (positive, "first gamma, default 10"),
     "--growth X": (positive, "theta > 1, the growth of gamma, default 7"),
@@ -182,6 +186,7 @@ ngepc solve lshape --gamma 1e4 --start coarse    the paper's method, as in Table
 ngepc solve lshape --error 1e-2                  refine until the error is at most 1 percent
 ngepc solve lshape --goal contact_force          refine until the force is known to 1 percent
 ngepc solve lshape --save run.npz                save the run, for a report or as a start
+ngepc solve lshape --receipt proof.npz           write the proof of the energy for ngepc check
 ngepc limit cut --width 0.005 --figures out      bounds of the load at which a cut collapses
 ngepc limit hole-both --width 0.01               factor of loads that vary (shakedown)
 ngepc check receipt.npz                          check the proof that the file contains
@@ -222,6 +227,7 @@ COMMANDS = {
             "--percent P",
             *NEWTON,
             "--save FILE",
+            "--receipt FILE",
             "--figures DIR",
         ),
         "solve:solve",

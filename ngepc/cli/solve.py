@@ -11,6 +11,7 @@ from ngsolve import GridFunction
 
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.outcome import ErrorBound
+from ngepc.checks.kinds import require_path
 from ngepc.checks.sentences import at_most_percent, counted, outward
 from ngepc.cli.commands import NEWTON, given
 from ngepc.cli.output import (
@@ -26,6 +27,7 @@ from ngepc.dual.result import DualResult
 from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import Coupled
 from ngepc.goals.adaptive import BoundedResult, MeshRecord, solve_to
+from ngepc.goals.receipt import write_receipt
 from ngepc.model.problem import Problem
 from ngepc.results import checkpoint, records
 from ngepc.results.files import check_folder
@@ -42,7 +44,7 @@ FINGERPRINT = {"kind": "run of ngepc solve", "version": 5}
 def solve(args: argparse.Namespace) -> int:
     """``ngepc solve``: one problem by the default, the paper's or the primal method."""
     _check_options(args)
-    check_targets(args.json, args.save)
+    check_targets(args.json, args.save, args.receipt)
     if args.figures is not None:
         check_folder(args.figures)
     result, seconds, bound, run = _solution(args)
@@ -68,21 +70,41 @@ def solve(args: argparse.Namespace) -> int:
         error = f"at most {at_most_percent(bound.relative, 3)}, {bound.kind}"
     interval = "" if goal is None else str(goal)
     summarise(record, error, args.json, args.quiet, interval)
-    written = []
-    how = "use --save FILE to be able to resume"
-    if args.save is not None:
-        _save_run(args, record, result)
-        written = [args.save]
-        how = f"resume with: {record['command']} --start {args.save}"
-    if args.figures is not None:
-        written += drawing().of_solution(args, result, run)
+    written = _write_files(args, record, result, run)
     if not args.quiet and str(args.json) != "-":
         name_written(written)
+    how = "use --save FILE to be able to resume"
+    if args.save is not None:
+        how = f"resume with: {record['command']} --start {args.save}"
     return exit_status("solve", record["status"], f"step {record['iterations']}", how)
+
+
+def _write_files(
+    args: argparse.Namespace, record: dict, result: Result, run: BoundedResult | None
+) -> list[Path]:
+    """Write the files of ``--save``, ``--receipt`` and ``--figures``; their names."""
+    written = []
+    if args.save is not None:
+        _save_run(args, record, result)
+        written.append(args.save)
+    if args.receipt is not None:
+        has_goal = run is not None and run.goal is not None
+        write_receipt(run.goal if has_goal else result, args.receipt)
+        written.append(args.receipt)
+    if args.figures is not None:
+        written += drawing().of_solution(args, result, run)
+    return written
 
 
 def _check_options(args: argparse.Namespace) -> None:
     """A ValueError for options of ``ngepc solve`` that exclude each other."""
+    if args.receipt is not None:
+        require_path("--receipt", args.receipt, ".npz")
+        if args.method == "primal" or args.gamma is not None:
+            raise ValueError(
+                f"--receipt {args.receipt}: only the exact method proves intervals; "
+                "leave --gamma and --method out"
+            )
     if args.method == "primal" and args.gamma is not None:
         raise ValueError(
             f"--gamma {args.gamma:g}: the primal method has no regularisation"

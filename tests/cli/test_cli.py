@@ -351,6 +351,39 @@ def test_saved_run_becomes_a_report(tmp_path, capsys):
     assert text.count("data:image/png") >= 5
 
 
+@pytest.mark.parametrize(
+    ("asked", "shown"),
+    [
+        ([], "least energy in ("),
+        (["--max-iterations", "2"], "least energy in ("),
+        (["--error", "0.2"], "least energy in ("),
+        (["--goal", "contact_force", "--percent", "20"], "'contact force' in ("),
+    ],
+)
+def test_a_receipt_of_the_command_line_passes(asked, shown, tmp_path, capsys):
+    proof = tmp_path / "proof.npz"
+    arguments = ["lshape", "--nodes", "33", *asked, "--receipt", str(proof)]
+    assert main(["solve", *arguments]) == int("--max-iterations" in asked)
+    assert f"wrote {proof}\n" in capsys.readouterr().out
+    assert main(["check", str(proof)]) == 0
+    found = capsys.readouterr().out
+    assert "PASS" in found
+    assert shown in found
+
+
+@pytest.mark.parametrize(
+    ("asked", "named"),
+    [
+        (["proof.json"], "--receipt='proof.json': a name that ends in '.npz'"),
+        (["proof.npz", "--gamma", "1e3"], "--receipt proof.npz: only the exact method"),
+        (["proof.npz", "--method", "primal"], "only the exact method"),
+    ],
+)
+def test_what_has_no_receipt_is_said_before_the_solve(asked, named, capsys):
+    assert main(["solve", "lshape", "--receipt", *asked]) == 2
+    assert named in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("method", ["default", "primal"])
 def test_a_report_on_an_unfinished_run_tells_what_its_pictures_show(
     method, tmp_path, capsys
