@@ -91,7 +91,15 @@ def support_motion(problem: Problem, support: str, component: int) -> np.ndarray
     shares = shares_of_supports(problem)
     held = [shares[name][component] for name in names if name in shares]
     if len(held) < len(names) or not all(share.any() for share in held):
-        raise ValueError(f"support={support!r}: it does not hold component {component}")
+        hint = ""
+        if set(names) & set(problem.single("springs")):
+            hint = (
+                "; the force of its springs is the integral of -k u: LoadWork with the traction "
+                "-k has its interval, a function of u its derivative"
+            )
+        raise ValueError(
+            f"support={support!r}: it does not hold component {component}{hint}"
+        )
     motion = np.zeros((len(held[0]), problem.N))
     vertices = problem.mesh.nv
     motion[:vertices, component] = sum(held)[:vertices]

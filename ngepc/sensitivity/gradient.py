@@ -38,7 +38,13 @@ from ngepc.sensitivity.equations import INHERITED, Data
 from ngepc.sensitivity.functionals import Form, Functional, as_functional, slope_by_mesh
 from ngepc.sensitivity.law_data import PARTS
 from ngepc.sensitivity.linear import LinearStep
-from ngepc.sensitivity.parameters import MATERIAL, Parameters, changed_data, directions
+from ngepc.sensitivity.parameters import (
+    MATERIAL,
+    Parameters,
+    changed_data,
+    directions,
+    in_step,
+)
 
 COVERS = (
     BASIC_FEATURES
@@ -140,6 +146,8 @@ def gradient(
         by = linear.reverse(by)
         for name, direction in wanted.items():
             if number == 0 or not direction.inherited:
+                here = linear.state.discrete.problem
+                direction = in_step(direction, result.problem, here)
                 change = changed_data(linear.state, direction)
                 moved = linear.with_supports(change) if "values" in change else change
                 derivatives[name] += by.paired(moved)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from ngsolve import GridFunction, Mesh, VectorH1
@@ -90,7 +90,8 @@ class Direction(Declared):
         ``mesh.MaterialCF({"core": 1.0})`` for the constant of one region.  None for the default:
         1 for numbers of the material, the law, friction or an initial strain, and for a gap, which
         moves as a whole; the datum itself for all others, so that the derivative is with respect to
-        a factor.
+        a factor.  In a history the number of an initial strain is that of ``history.problem``, and
+        those of the steps change in proportion.
     """
 
     datum: Text
@@ -130,6 +131,19 @@ def directions(parameters: Parameters) -> dict[str, Direction]:
                 f"parameters={direction.datum!r}: only {datum!r} has a derivative"
             )
     return dict(parameters)
+
+
+def in_step(direction: Direction, problem: Problem, step: Problem) -> Direction:
+    """A direction of the problem of a history, in one of its steps.
+
+    The number of an initial strain is that of the problem: numbers of steps, as a load cycle scales
+    them, change in proportion.
+    """
+    known = (problem.initial_strain, step.initial_strain)
+    is_default = direction.datum == "initial_strain" and direction.change is None
+    if is_default and all(map(is_number, known)) and known[0] != 0:
+        return replace(direction, change=known[1] / known[0])
+    return direction
 
 
 def changed_data(state: State, direction: Direction) -> Data:

@@ -1,20 +1,21 @@
 """Supports and loads against closed forms: springs, rollers, points, lines, pressure, corners."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import product
 
 import numpy as np
 import pytest
 from bodies import STEEL
 from netgen.occ import Box, Compound, MoveTo, OCCGeometry, Rectangle, X, Y, Z
-from ngsolve import CF, Mesh, y, z
+from ngsolve import CF, Mesh, ds, y, z
 from pairs import every_pair
 
 from ngepc import (
     Contact,
     Coulomb,
     Edge,
+    LoadWork,
     NewtonOptions,
     Point,
     PrimalOptions,
@@ -25,6 +26,7 @@ from ngepc import (
     Status,
     error_bound,
     evolve,
+    goal_bound,
     gradient,
     load_cycle,
     outward_normal,
@@ -474,6 +476,29 @@ def test_derivatives_of_the_reaction_of_a_roller():
     assert along == pytest.approx(across, rel=1e-9, abs=1e-9)
     with pytest.raises(ValueError, match="does not hold component 1"):
         gradient(solved(Roller()), Reaction("left", 1), "lame_mu")
+
+
+def test_the_force_of_springs():
+    """It is no reaction, but the work of -k, and the integral of -k u."""
+    bedded = Problem(
+        SQUARE,
+        STEEL,
+        None,
+        springs={"clamped": (300.0, 400.0)},
+        traction={"right": (0.5, 0.3)},
+        pressure={"contact": 1.0},
+    )
+    result = semismooth_newton(bedded)
+    force = result.equilibrium.reactions["clamped"][1]
+    found = goal_bound(result, LoadWork({"clamped": (0.0, -400.0)}))
+    assert found.discrete == pytest.approx(force, rel=1e-9)
+    slopes = gradient(result, lambda u, p, s: -400.0 * u[1] * ds("clamped"), "pressure")
+    assert slopes.functional == pytest.approx(force, rel=1e-9)
+    for refused in (goal_bound, partial(gradient, parameters="pressure")):
+        with pytest.raises(
+            ValueError, match="springs is the integral of -k u: LoadWork"
+        ):
+            refused(result, Reaction("clamped", 1))
 
 
 def test_derivatives_with_springs_and_pressure():

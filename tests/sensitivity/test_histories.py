@@ -89,6 +89,25 @@ def test_steps_from_a_file_have_the_same_derivatives(tmp_path):
     assert any(one.values())
 
 
+def test_the_number_of_an_initial_strain_that_a_load_cycle_scales():
+    """It is that of the problem, not those of the steps: 2 and 0.5 times as large."""
+    steel = Material.metal(
+        young=2600.0, poisson=0.3, yield_stress=1.3, plastic_modulus=100.0
+    )
+    body = Problem(block.structured_mesh(2, 2), steel, contact="contact", gap=0.0)
+
+    def cycle_of(strain):
+        heated = body.changed(clamped="clamped", initial_strain=strain)
+        return evolve(heated, load_cycle(heated, [2, 0.5]))
+
+    strain, h = 1e-3, 1e-7
+    for step in (0, 1):
+        ends = [cycle_of(strain + k * h).column("contact_force")[step] for k in (-1, 1)]
+        found = gradient(cycle_of(strain), "contact_force", "initial_strain", step=step)
+        expected = (ends[1] - ends[0]) / (2 * h)
+        assert found["initial_strain"] == pytest.approx(expected, rel=1e-5)
+
+
 def test_the_regularised_method_has_no_derivatives():
     problem = lshape_problem(lshape.paper_mesh(113))
     dual = evolve(problem, [(1.0, {})], cold_start(semismooth_newton, gamma=1e2))
