@@ -22,8 +22,8 @@ from ngsolve import (
     dx,
 )
 
-from ngepc.discretisation.loads import prescribed_displacement
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
+from ngepc.discretisation.supports import prescribed_displacement
 from ngepc.dual.saddle import load_terms
 from ngepc.model.problem import as_scalar
 

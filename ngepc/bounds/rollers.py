@@ -14,9 +14,9 @@ import numpy as np
 from ngsolve import BND, ET, IntegrationRule
 
 from ngepc.discretisation.conditions import ContactConditions
-from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.roller_rows import HeldDirections, directions_of_roller
 from ngepc.discretisation.slanted import SlantedNodes
+from ngepc.discretisation.supports import Supports
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.elements import cells_of

@@ -13,9 +13,10 @@ from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.conditions import ContactConditions
 from ngepc.discretisation.floating import LOOSE, Floating, LooselyHeld
-from ngepc.discretisation.loads import Supports, applied_forces
+from ngepc.discretisation.loads import applied_forces
 from ngepc.discretisation.prolongation import nodal_values
 from ngepc.discretisation.stiffness import Stiffness
+from ngepc.discretisation.supports import Supports
 from ngepc.linalg.secants import Compliance
 from ngepc.model.data import same_fields
 from ngepc.model.elements import plastic_points

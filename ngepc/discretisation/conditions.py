@@ -18,11 +18,11 @@ from scipy.sparse.linalg import spsolve
 
 from ngepc.checks.arguments import Coefficient, boundary_names, is_number
 from ngepc.discretisation.gap_records import gap_records
-from ngepc.discretisation.loads import Supports, given_at
 from ngepc.discretisation.mortar import mortar_rows
 from ngepc.discretisation.roller_rows import not_implied, roller_rows
 from ngepc.discretisation.rows import ContactRows, joined, rows_and_gaps
 from ngepc.discretisation.spaces import nodal
+from ngepc.discretisation.supports import Supports, given_at
 from ngepc.linalg.friction import FrictionCone
 from ngepc.model.places import Coulomb, Place
 from ngepc.model.problem import Problem

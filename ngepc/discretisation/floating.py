@@ -22,7 +22,7 @@ from scipy.linalg import eigvalsh
 from scipy.sparse import csr_matrix, diags, eye, hstack, vstack
 
 from ngepc.discretisation.conditions import ContactConditions
-from ngepc.discretisation.loads import Supports
+from ngepc.discretisation.supports import Supports
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
 

@@ -23,7 +23,6 @@ from scipy.sparse import csr_matrix, diags
 
 from ngepc.checks.arguments import boundary_names
 from ngepc.checks.sentences import in_words
-from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.overlap import (
     Overlap,
     Surface,
@@ -32,6 +31,7 @@ from ngepc.discretisation.overlap import (
     unit_vectors,
 )
 from ngepc.discretisation.rows import ContactRows, means_along, rows_along
+from ngepc.discretisation.supports import Supports
 from ngepc.model.places import Contact
 from ngepc.model.problem import Problem
 

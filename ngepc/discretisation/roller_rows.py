@@ -15,10 +15,10 @@ from ngsolve import FESpace
 from scipy.sparse import csr_matrix, eye
 
 from ngepc.discretisation.gap_records import mapped_facets
-from ngepc.discretisation.loads import Supports, given_at
 from ngepc.discretisation.mortar import HALF
 from ngepc.discretisation.rows import ContactRows, meeting_faces, rows_along
 from ngepc.discretisation.spaces import nodes_at
+from ngepc.discretisation.supports import Supports, given_at
 from ngepc.model.places import Place, Roller
 from ngepc.model.problem import Problem
 from ngepc.model.support import FREE_NORMAL, HELD_NORMAL

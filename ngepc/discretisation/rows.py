@@ -30,7 +30,7 @@ from ngepc.discretisation.gap_records import (
     row_coefficients,
     shared_records,
 )
-from ngepc.discretisation.loads import Supports
+from ngepc.discretisation.supports import Supports
 from ngepc.model.problem import Problem
 
 SAME_FACE = 0.7

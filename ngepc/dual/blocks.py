@@ -20,8 +20,8 @@ from scipy.sparse.csgraph import connected_components
 
 from ngepc._deprecated import old_names
 from ngepc.checks.sentences import in_words
-from ngepc.discretisation.loads import prescribed_displacement
 from ngepc.discretisation.sampled import LOADS, what_is_unseen
+from ngepc.discretisation.supports import prescribed_displacement
 from ngepc.dual import saddle
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse

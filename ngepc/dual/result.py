@@ -10,7 +10,8 @@ import numpy as np
 from ngsolve import H1, CoefficientFunction, GridFunction, Integrate, Norm, ds
 from ngsolve.la import BaseVector
 
-from ngepc.discretisation.loads import Supports, applied_forces
+from ngepc.discretisation.loads import applied_forces
+from ngepc.discretisation.supports import Supports
 from ngepc.dual.blocks import primal_energy
 from ngepc.dual.functional import DualFunctional, total
 from ngepc.dual.spaces import Coupled

@@ -12,9 +12,9 @@ import numpy as np
 from ngsolve import H1
 
 from ngepc.checks.arguments import boundary_names
-from ngepc.discretisation.loads import support_motion
 from ngepc.discretisation.roller_rows import directions_of_roller
 from ngepc.discretisation.spaces import nodes_at
+from ngepc.discretisation.supports import support_motion
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem
 

@@ -25,10 +25,10 @@ from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.law import Return
 from ngepc.discretisation.laws import law_of
-from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.moduli import Moduli
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.stiffness import ElementStiffness
+from ngepc.discretisation.supports import Supports
 from ngepc.linalg.secants import Compliance
 from ngepc.model.data import same_fields
 from ngepc.model.problem import Problem

@@ -20,7 +20,7 @@ import numpy as np
 
 from ngepc._deprecated import renamed
 from ngepc.checks.arguments import boundary_names, require_vector
-from ngepc.discretisation.loads import shares_of_supports
+from ngepc.discretisation.supports import shares_of_supports
 from ngepc.model.elements import corner_vertices, vertex_coordinates
 from ngepc.model.places import Place
 from ngepc.model.problem import Problem

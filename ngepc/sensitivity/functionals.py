@@ -17,8 +17,8 @@ from ngepc.checks.arguments import boundary_names, require_component, require_ve
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.hill_law import HillLaw
-from ngepc.discretisation.loads import support_motion
 from ngepc.discretisation.spaces import nodal
+from ngepc.discretisation.supports import support_motion
 from ngepc.goals.kinds import PointDisplacement, SupportReaction
 from ngepc.local.system import State
 from ngepc.sensitivity.contact import LinearContact

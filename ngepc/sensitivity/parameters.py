@@ -30,10 +30,11 @@ from ngepc.checks.sentences import in_words
 from ngepc.discretisation.finer import seen, seen_problem
 from ngepc.discretisation.gap_records import nearer_between_nodes
 from ngepc.discretisation.hill_law import HillLaw
-from ngepc.discretisation.loads import Supports, applied_forces
+from ngepc.discretisation.loads import applied_forces
 from ngepc.discretisation.polynomials import is_polynomial
 from ngepc.discretisation.roller_rows import roller_rows
 from ngepc.discretisation.rows import contact_rows
+from ngepc.discretisation.supports import Supports
 from ngepc.evolution.load_path import scaled
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.checks import check_data

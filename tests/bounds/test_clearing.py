@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ngepc.bounds.contact import ContactFacets
-from ngepc.discretisation.loads import Supports
+from ngepc.discretisation.supports import Supports
 
 NODES = np.array([0, 0, 1, 0, 2, 2])
 EXCESS = np.array([0.3, 1.0, -0.2, 0.7, 0.5, 0.1])

@@ -36,7 +36,7 @@ SAMPLE = {
     "discretisation/conditions.py:ContactConditions.at_vertices summed": "clamped",
     "discretisation/conditions.py:at_rows summed": "ribs",
     "discretisation/gap_records.py:nearer_between_nodes maximum": "ribs",
-    "discretisation/loads.py:Supports.pull summed": "springs",
+    "discretisation/supports.py:Supports.pull summed": "springs",
     "evolution/result.py:StepRecord.of maximum": "steps",
     "linalg/descent.py:conjugate_gradients dot": "clamped",
     "local/indicators.py:averaged summed": "clamped",

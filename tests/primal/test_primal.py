@@ -27,10 +27,10 @@ from witness import balance_residual
 
 from ngepc import lshape_problem, semismooth_newton
 from ngepc.discretisation.factors import Factors
-from ngepc.discretisation.loads import Supports
 from ngepc.discretisation.points import interpolated
 from ngepc.discretisation.rows import contact_rows
 from ngepc.discretisation.spaces import nodal
+from ngepc.discretisation.supports import Supports
 from ngepc.geometries import block, lshape, ring
 from ngepc.linalg.linesearch import nearly_flat
 from ngepc.model.elements import plastic_points
