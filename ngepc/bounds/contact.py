@@ -161,10 +161,13 @@ class ContactFacets:
         moments += self.boundary.excess / self.measure[:, None]
         return N * (N + 1) * (moments - moments.sum(axis=1, keepdims=True) / (N + 1))
 
-    def edge_coefficients(self, slack: np.ndarray) -> np.ndarray:
-        """Bernstein coefficients of the edges from values at ``nodes``, order two."""
+    def edge_coefficients(self, values: np.ndarray) -> np.ndarray:
+        """Bernstein coefficients of the edges, (facets, edges, ...), from values at ``nodes``.
+
+        The values, numbers or vectors, are those of displacements of order two.
+        """
         ends = np.array(OF_FACET[self.N])
-        return slack[:, ends].mean(axis=2) + BUBBLE / 2 * slack[:, self.N :]
+        return values[:, ends].mean(axis=2) + BUBBLE / 2 * values[:, self.N :]
 
     def least_coefficients(self, slack: np.ndarray, edge: int) -> np.ndarray:
         """The least Bernstein coefficients of an edge with which nothing penetrates, (facets,).
@@ -371,7 +374,7 @@ class ContactFacets:
         size = np.linalg.norm(slip[:, : self.N], axis=2)
         if self.problem.order == 1:
             return (self.moments(F[:, :, None])[:, :, 0] * size).sum(axis=1)
-        middle = np.linalg.norm(self._middles_of_edges(slip), axis=2)
+        middle = np.linalg.norm(self.edge_coefficients(slip), axis=2)
         total = F.sum(axis=1)
         sizes = size.sum(axis=1)
         if self.N == 2:
@@ -383,11 +386,6 @@ class ContactFacets:
         between = total * (sizes + 2 * middle.sum(axis=1)) / 30
         own = (F * (2 * size - middle)).sum(axis=1) / 30
         return self.measure * (own + between)
-
-    def _middles_of_edges(self, vectors: np.ndarray) -> np.ndarray:
-        """Bernstein coefficients of edges from vectors at ``nodes``, (facets, edges, N)."""
-        ends = np.array(OF_FACET[self.N])
-        return vectors[:, ends].mean(axis=2) + BUBBLE / 2 * vectors[:, self.N :]
 
     def pushed(self, state: State, P: np.ndarray) -> np.ndarray:
         """Forces of the body on the obstacle at ``nodes``, shape (facets, nodes, N)."""

@@ -99,7 +99,6 @@ class RingEnergy:
         self.radii = cells.points[cells.nodes][:, :, 0]
         flat = np.ones_like(self.radii)
         strain = strain_rows(coefficients_of(state.u, discrete, cells), cells)
-        self.total_strain = strain
         free = np.zeros((len(flat), 4))
         free[:, 0] = self.law.swelling
         free[:, 1:] = self.law.distortion

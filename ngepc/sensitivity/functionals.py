@@ -29,7 +29,7 @@ from ngepc.sensitivity.law_equations import (
     form_slope,
     yield_surfaces_of,
 )
-from ngepc.sensitivity.parameters import on_moving_mesh
+from ngepc.sensitivity.shape import on_moving_mesh
 
 ACROSS = 1e-9
 """The component of a unit vector below which a roller does not hold it."""

@@ -1,26 +1,17 @@
-"""Parameters of derivatives: directions in which the data of a problem change.
-
-For changes of shape the mesh moves with a field V.  For fixed nodal displacements and contact
-forces the discrete problem is an explicit function of the vertices x + t V.  It is assembled for a
-few small t, and differences of fourth order give the change of its data: solutions are not
-differenced.
-"""
+"""Parameters of derivatives: directions in which the data of a problem change."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from ngsolve import GridFunction, Mesh, VectorH1
 
 from ngepc.checks.arguments import (
     Coefficient,
     is_number,
     require_coefficient,
-    require_components,
     require_field,
     require_in,
 )
@@ -29,28 +20,29 @@ from ngepc.checks.kinds import require_instance, require_mapping, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.finer import seen, seen_problem
 from ngepc.discretisation.gap_records import nearer_between_nodes
-from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.loads import applied_forces
 from ngepc.discretisation.polynomials import is_polynomial
 from ngepc.discretisation.roller_rows import roller_rows
 from ngepc.discretisation.rows import contact_rows
 from ngepc.discretisation.supports import Supports
 from ngepc.evolution.load_path import scaled
-from ngepc.local.system import DiscreteProblem, State
+from ngepc.local.system import State
 from ngepc.model.checks import check_data
 from ngepc.model.data import ProblemData
 from ngepc.model.material import Material, split_hardening
 from ngepc.model.places import Coulomb, places
 from ngepc.model.problem import Problem
-from ngepc.sensitivity.equations import STENCIL as STENCIL
 from ngepc.sensitivity.equations import Data
 from ngepc.sensitivity.law_data import PARTS, PartDatum, is_of_part, part_changes
+from ngepc.sensitivity.shape import on_moving_mesh, vertex_motion
 
 MATERIAL = tuple(field.name for field in fields(Material) if field.name not in PARTS)
+
 OF_OVERLAY = ("lame_lambda", "lame_mu")
 """Data of a material with sub-elements, in addition to those of ``Overlay``."""
 
 LOADS = ("traction", "pressure", "body_force")
+
 BY_BOUNDARY = ("traction", "pressure", "gap", "prescribed")
 """Data whose name may be followed by a colon and a boundary: 'gap:top'."""
 
@@ -66,7 +58,6 @@ LEGAL = (
 )
 
 COMPLEX = 1e-100  # length of a complex step, whose square underflows
-STEP = 1e-5  # of differences: the largest motion of a vertex over the size of the body
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,113 +338,3 @@ def _material(state: State, datum: str, change: Coefficient) -> Data:
     slopes = {name: np.imag(value) / COMPLEX for name, value in found.items()}
     zero = np.zeros(len(points))
     return Data({name: zero + slope for name, slope in slopes.items() if np.any(slope)})
-
-
-def on_moving_mesh(
-    old: State, motion: np.ndarray, functional: Callable[[State], float] | None = None
-) -> Data:
-    """d/dt of the data on the mesh x + t V, and "value" of a functional; u and forces stay.
-
-    ``motion`` is V at the vertices, shape (vertices, N) (length per unit of the parameter).
-    """
-    problem = old.discrete.problem
-    found = Data()
-    fastest = np.abs(motion).max()
-    size = np.ptp(np.asarray(problem.mesh.ngmesh.Coordinates()), axis=0).max()
-    step = STEP * float(size / fastest) if fastest > 0 else 1.0
-    for k, weight in STENCIL.items():
-        with moved_mesh(problem.mesh, k * step * motion):
-            discrete = DiscreteProblem(problem)
-            state = discrete.state(
-                old.u, contact=_turned(old.contact, old.discrete, discrete)
-            )
-            data = geometry(old, state) + Data(
-                {"value": functional(state)} if functional else {}
-            )
-            found += weight / step * data
-    return found
-
-
-def geometry(old: State, state: State) -> Data:
-    """Data on a moved mesh, with strains, forces and gaps for the same nodal displacements."""
-    discrete = state.discrete
-    law = state.discrete.law
-    points = state.discrete.points
-    contact = discrete.contact
-    cone = discrete.contact.friction
-    material = law.material
-    stress = old.discrete.law.stress(old.at)
-    forces = points.forces(*stress) + discrete.supports.pull(old.u)
-    before = old.discrete.law.resistance
-    after = law.resistance
-    with_data = before.with_law(after.isotropic).with_rate(after.rate)
-    names = ("two_mu", "bulk", "hardening", "back", "initial")
-    more = law.own_memory()
-    if isinstance(law, HillLaw):
-        more |= {"form": law.form, "linear": after.linear}
-    return Data({name: getattr(law, name) for name in names} | more) + Data(
-        beta=after.beta - before.growth * after.accumulated,
-        accumulated=after.accumulated,
-        radius=with_data.bound(old.at.gained),
-        hardened=with_data.energy(old.at.gained),
-        kinematic=points.at(material.hardening),
-        isotropic=points.at(material.scalar_growth),
-        volume=state.volume,
-        strain=state.deviator,
-        load=discrete.load - forces - contact.forces(state.contact),
-        gaps=_turned(state.gaps, discrete, old.discrete),
-        values=discrete.supports.values,
-        cap=np.where(np.isfinite(cone.cap), cone.cap, 0.0),
-        coefficient=np.where(cone.given, 0.0, cone.coefficient),
-    )
-
-
-def _turned(x: np.ndarray, here: DiscreteProblem, there: DiscreteProblem) -> np.ndarray:
-    """Forces or gaps of rows on one mesh in the tangents of the same rows on a mesh close by."""
-    if not here.contact.friction.d:
-        return x
-    corner = np.einsum("mik,mjk->mij", here.rows.tangents, there.rows.tangents)
-    left, _, right = np.linalg.svd(corner)
-    n, t = here.contact.friction.split(x)
-    return np.append(n, np.einsum("mi,mij->mj", t, left @ right))
-
-
-@contextmanager
-def moved_mesh(mesh: Mesh, motion: np.ndarray) -> Iterator[None]:
-    """A context in which the vertices of the mesh are moved."""
-    vertices = np.asarray(mesh.ngmesh.Coordinates())
-    before = vertices.copy()
-    vertices += motion
-    try:
-        yield
-    finally:
-        vertices[:] = before
-
-
-def vertex_motion(problem: Problem, change: object) -> np.ndarray:
-    """V at the vertices, shape (vertices, N).
-
-    TypeError, ValueError if V is missing or not a vector of N components, the mesh is curved, or
-    the axis of a body of revolution would move.
-    """
-    mesh = problem.mesh
-    if change is None:
-        raise ValueError(
-            "parameters='shape': Direction('shape', V) with a vector V is needed"
-        )
-    if mesh.GetCurveOrder() > 1:
-        raise ValueError(
-            f"mesh: curved of order {mesh.GetCurveOrder()}, a straight one is needed"
-        )
-    nodal = GridFunction(VectorH1(mesh, order=1))
-    nodal.Set(require_components("change", change, mesh.dim), dual=True)
-    motion = nodal.vec.FV().NumPy().reshape(mesh.dim, -1).T.copy()
-    radii = np.asarray(mesh.ngmesh.Coordinates())[:, 0]
-    if (
-        problem.kinematics.hoop
-        and np.abs(motion[radii <= 1e-12 * radii.max(), 0]).any()
-    ):
-        raise ValueError(
-            f"change={in_words(change)}: a field that keeps the axis x = 0 is needed"
-        )
-    return motion

@@ -22,11 +22,11 @@ from campaigns.random_data import (
 
 from ngepc.model.places import Coulomb
 from ngepc.sensitivity.contact import LinearContact
-from ngepc.sensitivity.equations import Data
+from ngepc.sensitivity.equations import STENCIL, Data
 from ngepc.sensitivity.functionals import as_functional
 from ngepc.sensitivity.gradient import gradient, states_of
 from ngepc.sensitivity.law_equations import equations_of_law, yield_surfaces_of
-from ngepc.sensitivity.parameters import STENCIL, Direction, changed_data
+from ngepc.sensitivity.parameters import Direction, changed_data
 from ngepc.studies.work import Work
 
 STEP = 3e-5

@@ -23,11 +23,12 @@ from ngepc import (
 from ngepc.geometries import block
 from ngepc.model.hardening import HardeningLaw
 from ngepc.sensitivity.calibration import Curve, calibrate
+from ngepc.sensitivity.equations import STENCIL
 from ngepc.sensitivity.functionals import as_functional
 from ngepc.sensitivity.gradient import gradient, require_one_material, states_of
 from ngepc.sensitivity.law_data import PartDatum
 from ngepc.sensitivity.law_equations import equations_of_law
-from ngepc.sensitivity.parameters import STENCIL, Direction
+from ngepc.sensitivity.parameters import Direction
 from ngepc.sensitivity.tangent import tangent
 
 ELASTIC = {"lame_lambda": 1e3, "lame_mu": 1e3}

@@ -13,7 +13,8 @@ from ngsolve import CF, sin, x, y, z
 
 from ngepc import Direction, Material, Problem, gradient, semismooth_newton, tangent
 from ngepc.geometries import block
-from ngepc.sensitivity.parameters import STENCIL, moved_mesh, vertex_motion
+from ngepc.sensitivity.equations import STENCIL
+from ngepc.sensitivity.shape import moved_mesh, vertex_motion
 
 STEP = 1e-5
 
