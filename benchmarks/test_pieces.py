@@ -12,7 +12,8 @@ import pytest
 from ngsolve import SetNumThreads
 
 from ngepc import Coupled, lshape_problem, primal_newton, semismooth_newton
-from ngepc.discretisation.stiffness import ElementStiffness, by_moduli
+from ngepc.discretisation.element_stiffness import ElementStiffness
+from ngepc.discretisation.symbolic_stiffness import by_moduli
 from ngepc.dual.algorithm import DualLine, NewtonSystem
 from ngepc.dual.blocks import LinearBlocks
 from ngepc.dual.functional import DualFunctional, DualIterate

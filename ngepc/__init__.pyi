@@ -26,8 +26,6 @@ from ngepc.evolution.material_point import material_point as material_point
 from ngepc.evolution.result import Evolution as Evolution
 from ngepc.evolution.solver import cold_start as cold_start
 from ngepc.evolution.solver import evolve as evolve
-from ngepc.goals.adaptive import BoundedResult as BoundedResult
-from ngepc.goals.adaptive import Refinement as Refinement
 from ngepc.goals.adaptive import solve_to as solve_to
 from ngepc.goals.brackets import Bracket as Bracket
 from ngepc.goals.brackets import contact_force_bracket as contact_force_bracket
@@ -38,6 +36,8 @@ from ngepc.goals.kinds import ContactForceOn as ContactForceOn
 from ngepc.goals.kinds import LoadWork as LoadWork
 from ngepc.goals.kinds import MeanDisplacement as MeanDisplacement
 from ngepc.goals.receipt import write_receipt as write_receipt
+from ngepc.goals.refinement import BoundedResult as BoundedResult
+from ngepc.goals.refinement import Refinement as Refinement
 from ngepc.goals.verdicts import Verdict as Verdict
 from ngepc.goals.verdicts import confidence as confidence
 from ngepc.goals.verdicts import verdict as verdict

@@ -15,8 +15,8 @@ from types import ModuleType
 
 MOVED = {
     "ngepc.Between": "ngepc.goals.brackets.Bracket",
-    "ngepc.bounds.adaptive.BoundedResult": "ngepc.goals.adaptive.BoundedResult",
-    "ngepc.bounds.adaptive.Refinement": "ngepc.goals.adaptive.Refinement",
+    "ngepc.bounds.adaptive.BoundedResult": "ngepc.goals.refinement.BoundedResult",
+    "ngepc.bounds.adaptive.Refinement": "ngepc.goals.refinement.Refinement",
     "ngepc.bounds.adaptive.solve_to": "ngepc.goals.adaptive.solve_to",
     "ngepc.bounds.bound.bound_data_of": "ngepc.bounds.of_state.bound_data_of",
     "ngepc.bounds.bound.setting_of": "ngepc.bounds.of_state.bound_data_of",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ngepc.cli.output import check_targets, name_written
 from ngepc.cli.solve import load_run
-from ngepc.goals.adaptive import BoundedResult
+from ngepc.goals.refinement import BoundedResult
 from ngepc.limit.outcome import Bracketed
 from ngepc.pictures import live
 from ngepc.pictures.collapse import plot_bracket, plot_mechanism, plot_residual_stress

@@ -26,8 +26,9 @@ from ngepc.discretisation.spaces import displacement_space
 from ngepc.dual.result import DualResult
 from ngepc.dual.solver import prepared
 from ngepc.dual.spaces import Coupled
-from ngepc.goals.adaptive import BoundedResult, MeshRecord, solve_to
+from ngepc.goals.adaptive import solve_to
 from ngepc.goals.receipt import write_receipt
+from ngepc.goals.refinement import BoundedResult, MeshRecord
 from ngepc.model.problem import Problem
 from ngepc.results import checkpoint, records
 from ngepc.results.files import check_folder

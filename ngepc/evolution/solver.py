@@ -21,7 +21,8 @@ from ngepc.evolution.load_path import Schedule, as_schedule
 from ngepc.evolution.remarks import remarks
 from ngepc.evolution.result import Evolution, EvolutionStep
 from ngepc.evolution.run import Run, StepSolver
-from ngepc.goals.adaptive import SMALLEST_ERROR, Refinement
+from ngepc.goals.adaptive import SMALLEST_ERROR
+from ngepc.goals.refinement import Refinement
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.cores import crew
 from ngepc.local.solver import RepeatedSolver

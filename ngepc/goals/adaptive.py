@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated
+from collections.abc import Callable
+from dataclasses import replace
 
-from ngsolve import Mesh
-
-from ngepc._deprecated import renamed
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.coverage import COVERS as BOUNDED
-from ngepc.bounds.outcome import ErrorBound, is_free_of_stress, thickened
+from ngepc.bounds.outcome import ErrorBound, thickened
 from ngepc.bounds.rollers import in_components
 from ngepc.bounds.thickness import is_of_thickness_one, with_other_thickness
 from ngepc.bounds.transfer import (
@@ -23,164 +19,35 @@ from ngepc.bounds.transfer import (
     on_mesh,
     with_matching,
 )
-from ngepc.checks.arguments import require_integer, require_number
-from ngepc.checks.declared import Check, Count, Declared
+from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_function, require_instance
-from ngepc.checks.sentences import ROUNDING, counted, in_words, outward
+from ngepc.checks.sentences import in_words
+from ngepc.goals.ends import (
+    about_zero,
+    ending,
+    lost_bound,
+    too_fine,
+    without_bound,
+    without_stress,
+)
 from ngepc.goals.goal_bound import COVERS as GOALS
 from ngepc.goals.goal_interval import GoalBound, half_in_percent, thick_goal
 from ngepc.goals.goal_terms import check_goal
 from ngepc.goals.kinds import as_goal
 from ngepc.goals.one_mesh import LEFT, Tools, solved
 from ngepc.goals.planning import Pace, planned_part, refined_mesh
+from ngepc.goals.refinement import ENERGIES, BoundedResult, MeshRecord, Refinement
 from ngepc.linalg.blas import one_blas_thread
-from ngepc.local.result import ExactResult
 from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem
 from ngepc.model.round import round_note
-from ngepc.results.outcome import Status
 
 log = logging.getLogger(__name__)
 
-
-ENERGIES = ("energy", "total", "algebraic")
-"""Numbers of a ``MeshRecord`` that are energies."""
-
-HOPELESS = 100.0  # an interval this many times wider than its middle lies around zero
-# refinement continues after these statuses of Newton's method
-SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
-MOST_INFINITE = 6
-"""Refinement ends after so many successive meshes with an infinite error bound."""
-NO_BOUND = (
-    "The error bound is infinite: the stress in equilibrium exceeds the largest one that the "
-    "hardening law reaches, at a corner for example. A curve that rises further gives a bound, "
-    "unless the loads are too large for it."
-)
-FLOWS = (
-    "The error bound is infinite, most likely on finer meshes, too: the body flows where its law "
-    "does not harden, and a bound needs a stress in equilibrium that nowhere exceeds the largest "
-    "one of the law. Some hardening gives a bound; confidence(result) has an estimate, "
-    "limit_load(problem) the loads that the body carries."
-)
-
-FREE_OF_STRESS = (
-    "The body is free of stress, up to rounding errors: no mesh gives its strain energy to a "
-    "percentage."
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Refinement(Declared):
-    """Options of adaptive refinement.
-
-    Parameters
-    ----------
-    marking
-        Parameter of Doerfler's marking, in (0, 1]: each pass bisects the fewest elements whose
-        indicators add up to this fraction of the bound.
-    max_nodes
-        Largest number of vertices of a mesh.
-    max_iterations
-        Largest number of Newton steps on one mesh.
-    """
-
-    marking: Annotated[float, Check(require_number, least=0, strict=True, most=1)] = (
-        0.25
-    )
-    max_nodes: Annotated[int, Check(require_integer, least=3)] = 200_000
-    max_iterations: Count = 100
-
-
-@dataclass(frozen=True)
-class MeshRecord:
-    """The record of one mesh of ``solve_to``.
-
-    Parameters
-    ----------
-    nodes, iterations
-        Vertices of the mesh and Newton steps on it.
-    energy, total, algebraic, relative
-        J(u), and the numbers of ``ErrorBound``.
-    lower, upper
-        The interval of the goal; NaN without one, infinite where the error bound is.
-    """
-
-    nodes: int
-    iterations: int
-    energy: float
-    total: float
-    algebraic: float
-    relative: float
-    lower: float = math.nan
-    upper: float = math.nan
-
-
-@dataclass(frozen=True, eq=False)
-class BoundedResult:
-    """The result of ``solve_to``.
-
-    Parameters
-    ----------
-    result, bound
-        The result on the last mesh and its error bound; on the one before, if that bound is
-        infinite and the one before finite.
-    tolerance
-        The relative error that was asked for.
-    records
-        One record for each mesh.
-    message
-        Why it ended before the tolerance was reached, empty if it was reached; and what straight
-        sides of a round body cut off: refined meshes keep them.
-    goal
-        The interval of the goal on the last mesh; None without a goal, and where the error bound is
-        infinite.
-    """
-
-    result: ExactResult
-    bound: ErrorBound
-    tolerance: float
-    records: list[MeshRecord]
-    message: str
-    goal: GoalBound | None = None
-
-    asked = renamed("asked", "tolerance")
-    found = renamed("found", "relative_error")
-
-    @property
-    def relative_error(self) -> float:
-        """The relative error of the energy, or of the goal, to be compared with ``tolerance``."""
-        return self.bound.relative if self.goal is None else self.goal.percent / 100
-
-    @property
-    def reached(self) -> bool:
-        """Whether the error is at most the tolerance."""
-        return self.relative_error <= self.tolerance
-
-    @property
-    def guaranteed(self) -> bool:
-        """Whether ``relative_error`` is proved; False if data are known from samples only."""
-        return self.bound.guaranteed if self.goal is None else self.goal.guaranteed
-
-    @property
-    def iterations(self) -> int:
-        """Newton steps on all meshes."""
-        return sum(record.iterations for record in self.records)
-
-    def __repr__(self) -> str:
-        judged = self.bound if self.goal is None else self.goal
-        what = "energy" if self.goal is None else self.goal.name
-        error = f"no bound of the relative error of the {what}"
-        if math.isfinite(self.relative_error):
-            size = outward(0.0, max(self.relative_error, ROUNDING), 3)[1]
-            error = f"relative error of the {what} at most {size} ({judged.kind})"
-        meshes = counted(len(self.records), "mesh", "meshes")
-        finest = f"{self.result.problem.mesh.nv} nodes"
-        return f"<BoundedResult: {error}, tolerance {self.tolerance:g}, {meshes}, {finest}>"
-
-
 Monitor = Callable[[MeshRecord], None]
+
 Hopeless = Callable[[GoalBound | None, GoalBound | None], str]
 
 SMALLEST_ERROR = 1e-12
@@ -384,72 +251,11 @@ def mesh_record(here: BoundedResult, steps: int, goal: object) -> MeshRecord:
     )
 
 
-def ending(result: ExactResult, stopped: str) -> str:
-    """The reason to stop refinement at a result; empty if it can continue."""
-    if stopped or result.status in SOLVED:
-        return stopped
-    return result.ending or result.status.value
-
-
 def proved_error(here: BoundedResult) -> float:
     """The relative error that the next mesh is planned by: of a goal, as the proof has it."""
     if here.goal is None:
         return here.relative_error
     return half_in_percent(*here.goal.proved) / 100
-
-
-def too_fine(mesh: Mesh, bound: ErrorBound, options: Refinement) -> str:
-    """Why refinement ends before a mesh with too many nodes."""
-    limit = f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
-    unknown = "" if math.isfinite(bound.total) else NO_BOUND
-    return " ".join(filter(None, (limit, unknown)))
-
-
-def lost_bound(here: BoundedResult) -> str:
-    """Why refinement ends with the mesh before one whose bound is infinite, as that was finite."""
-    return f"The next mesh has {here.records[-1].nodes} nodes and no bound. {NO_BOUND}"
-
-
-def about_zero(before: GoalBound | None, now: GoalBound | None) -> str:
-    """Why no mesh gives a percentage of a goal: two intervals lie around zero; empty otherwise.
-
-    One alone may lie around zero by chance.
-    """
-    found = (before, now)
-    if not all(goal is not None and is_around_zero(goal) for goal in found):
-        return ""
-    return f"The {now.name} is about 0: no mesh gives it to a percentage."
-
-
-def is_around_zero(goal: GoalBound) -> bool:
-    """Whether zero is in the middle of an interval, as the proof has it."""
-    lower, upper = goal.proved
-    return HOPELESS * abs(lower + upper) / 2 < upper - lower < math.inf
-
-
-def without_bound(here: BoundedResult) -> str:
-    """Why finer meshes have no bound either; empty if they may have one."""
-    if math.isfinite(here.bound.total):
-        return ""
-    if here.result.state.flowing > 0:
-        return FLOWS
-    return never_finite(here.records)
-
-
-def without_stress(here: BoundedResult) -> str:
-    """Why no mesh reaches a part of a strain energy that is a rounding error; empty otherwise."""
-    if here.goal is not None or here.reached:
-        return ""
-    free = is_free_of_stress(here.bound.state, here.bound.total)
-    return FREE_OF_STRESS if free else ""
-
-
-def never_finite(records: Sequence[MeshRecord]) -> str:
-    """Why refinement ends if the bound is infinite on the last meshes; empty otherwise."""
-    last = records[-MOST_INFINITE:]
-    if len(last) < MOST_INFINITE or any(math.isfinite(r.total) for r in last):
-        return ""
-    return NO_BOUND
 
 
 def reported(record: MeshRecord, monitor: Callable[[MeshRecord], None] | None) -> str:

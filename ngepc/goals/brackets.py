@@ -31,7 +31,7 @@ from ngepc.bounds.outcome import ErrorBound
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words, interval_in_words
 from ngepc.discretisation.loads import applied_forces
-from ngepc.goals.adaptive import SOLVED
+from ngepc.goals.ends import SOLVED
 from ngepc.goals.goal_bound import goal_bound
 from ngepc.goals.one_mesh import TOLERANCE
 from ngepc.linalg.blas import one_blas_thread

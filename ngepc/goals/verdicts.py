@@ -16,18 +16,11 @@ from ngepc.bounds.transfer import check_carried
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import at_most_percent, in_percent
-from ngepc.goals.adaptive import (
-    FLOWS,
-    NO_BOUND,
-    BoundedResult,
-    MeshRecord,
-    Refinement,
-    about_zero,
-    run_to,
-    tolerance_of,
-)
+from ngepc.goals.adaptive import run_to, tolerance_of
 from ngepc.goals.clock import Clock
+from ngepc.goals.ends import FLOWS, NO_BOUND, about_zero
 from ngepc.goals.goal_interval import GoalBound
+from ngepc.goals.refinement import BoundedResult, MeshRecord, Refinement
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.exact import solve_exactly
 from ngepc.model.data import DefaultOrder

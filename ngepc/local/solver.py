@@ -11,7 +11,8 @@ from ngepc.checks.declared import Check, Declared
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.factors import Factors, tangent_of
-from ngepc.discretisation.stiffness import Stiffness, by_moduli
+from ngepc.discretisation.stiffness import Stiffness
+from ngepc.discretisation.symbolic_stiffness import by_moduli
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.cores import crew
 from ngepc.linalg.direct import require_solver

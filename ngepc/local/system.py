@@ -22,12 +22,12 @@ from functools import cached_property
 import numpy as np
 
 from ngepc.discretisation.body import DiscreteBody, Iterate
+from ngepc.discretisation.element_stiffness import ElementStiffness
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.law import Return
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.moduli import Moduli
 from ngepc.discretisation.points import Points
-from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.discretisation.supports import Supports
 from ngepc.linalg.secants import Compliance
 from ngepc.model.data import same_fields

@@ -11,7 +11,7 @@ import ngepc.pictures.style as style
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words
-from ngepc.goals.adaptive import BoundedResult
+from ngepc.goals.refinement import BoundedResult
 from ngepc.pictures.collapse import axes_or_new
 from ngepc.pictures.style import COLOURS, styled
 

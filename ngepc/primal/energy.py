@@ -13,7 +13,8 @@ from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.body import DiscreteBody, Iterate
 from ngepc.discretisation.spaces import nodal
-from ngepc.discretisation.stiffness import Stiffness, SymbolicStiffness
+from ngepc.discretisation.stiffness import Stiffness
+from ngepc.discretisation.symbolic_stiffness import SymbolicStiffness
 from ngepc.model.elements import plastic_points
 from ngepc.model.features import (
     BASIC_FEATURES,

@@ -11,7 +11,8 @@ from ngsolve import x, y
 from ngepc.bounds.bound import error_bound
 from ngepc.bounds.outcome import ErrorBound
 from ngepc.geometries import block
-from ngepc.goals.adaptive import MeshRecord, solve_to
+from ngepc.goals.adaptive import solve_to
+from ngepc.goals.refinement import MeshRecord
 from ngepc.methods.newton import semismooth_newton
 from ngepc.model.material import Material
 from ngepc.model.problem import Problem

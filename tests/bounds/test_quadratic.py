@@ -21,7 +21,8 @@ from ngepc.bounds.polynomials import (
 )
 from ngepc.bounds.transfer import bisected, carried_state, on_mesh
 from ngepc.geometries import block, lshape
-from ngepc.goals.adaptive import Refinement, solve_to
+from ngepc.goals.adaptive import solve_to
+from ngepc.goals.refinement import Refinement
 from ngepc.local.system import DiscreteProblem
 from ngepc.studies.bounds import LIMITS
 from ngepc.studies.examples import example

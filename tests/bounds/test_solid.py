@@ -32,7 +32,7 @@ from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
-from ngepc.goals.adaptive import Refinement
+from ngepc.goals.refinement import Refinement
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local import choice
 from ngepc.local.iterative import IterativeTangent

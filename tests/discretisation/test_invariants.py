@@ -23,13 +23,13 @@ from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import BND, CF, Integrate, Mesh, x, y
 
 from ngepc import Material, Problem
+from ngepc.discretisation.element_stiffness import ElementStiffness
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.moduli import Moduli
 from ngepc.discretisation.points import PointFunctions, Points, interpolated
 from ngepc.discretisation.resistance import Resistance
 from ngepc.discretisation.rows import contact_rows, meeting_faces
 from ngepc.discretisation.spaces import nodal
-from ngepc.discretisation.stiffness import ElementStiffness
 from ngepc.discretisation.supports import Supports
 from ngepc.geometries import block, ring
 from ngepc.model.hardening import Swift, Voce

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ngepc.discretisation import element_strains as module
+from ngepc.discretisation.element_stiffness import ElementStiffness, parts_for_matrices
 from ngepc.discretisation.moduli import Moduli
 from ngepc.discretisation.points import Points
-from ngepc.discretisation.stiffness import ElementStiffness, parts_for_matrices
 from ngepc.geometries import block, lshape
 from ngepc.model.kinematics import PLANE_STRAIN, SOLID
 

@@ -12,7 +12,7 @@ from ngepc.bounds.bound import error_bound
 from ngepc.bounds.transfer import bisected, on_mesh
 from ngepc.evolution.memory import Memory
 from ngepc.geometries import block
-from ngepc.goals.adaptive import Refinement
+from ngepc.goals.refinement import Refinement
 from ngepc.sensitivity.gradient import states_of
 
 MATERIAL = Material(

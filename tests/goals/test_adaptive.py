@@ -27,9 +27,10 @@ from ngepc.bounds.simplices import marked
 from ngepc.bounds.transfer import bisected, bisected_to, carried_state, on_mesh
 from ngepc.checks.sentences import outward
 from ngepc.geometries import block, lshape
-from ngepc.goals import adaptive, one_mesh
-from ngepc.goals.adaptive import Refinement, solve_to
+from ngepc.goals import adaptive, ends, one_mesh
+from ngepc.goals.adaptive import solve_to
 from ngepc.goals.planning import refined_mesh
+from ngepc.goals.refinement import MeshRecord, Refinement
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.elements import element_nodes, vertex_coordinates
 from ngepc.studies.bounds import LIMITS
@@ -390,7 +391,7 @@ def test_a_bound_that_stays_infinite_ends_the_run():
     assert not run.reached
     with pytest.raises(RuntimeError, match="the error bound is infinite"):
         goal_bound(run.result, MeanDisplacement("right", 0))
-    assert adaptive.NO_BOUND in run.message
+    assert ends.NO_BOUND in run.message
     assert "no bound of the relative error of the energy" in repr(run)
     found = verdict(problem, MeanDisplacement("right", 0), at_most=1.0, options=few)
     assert found.outcome == "UNDECIDED"
@@ -404,11 +405,11 @@ def test_a_bound_that_stays_infinite_ends_the_run():
 
 
 def test_six_meshes_without_a_bound_are_enough():
-    unknown = adaptive.MeshRecord(9, 1, 0.0, math.inf, 0.0, math.inf)
+    unknown = MeshRecord(9, 1, 0.0, math.inf, 0.0, math.inf)
     known = replace(unknown, total=1.0)
-    assert not adaptive.never_finite([unknown] * 5)
-    assert not adaptive.never_finite([known, *[unknown] * 5])
-    assert adaptive.never_finite([known, *[unknown] * 6]) == adaptive.NO_BOUND
+    assert not ends.never_finite([unknown] * 5)
+    assert not ends.never_finite([known, *[unknown] * 5])
+    assert ends.never_finite([known, *[unknown] * 6]) == ends.NO_BOUND
 
 
 def corner(law):
@@ -426,9 +427,9 @@ def test_perfect_plasticity_has_no_bound_where_it_flows():
     problem = corner({"yield_stress": 1.5, "plastic_modulus": 0})
     run = solve_to(problem, 0.1)
     assert len(run.records) == 1
-    assert run.message == adaptive.FLOWS
+    assert run.message == ends.FLOWS
     found = verdict(problem, MeanDisplacement("right", 1), at_most=1.0)
-    assert adaptive.FLOWS in str(found)
+    assert ends.FLOWS in str(found)
     assert solve_to(corner({"yield_stress": 1.5, "plastic_modulus": 25.0}), 0.1).reached
 
 

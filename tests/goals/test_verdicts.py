@@ -25,8 +25,8 @@ from ngepc import (
     verdict,
 )
 from ngepc.geometries import block, ring
-from ngepc.goals.adaptive import MeshRecord
 from ngepc.goals.clock import Clock
+from ngepc.goals.refinement import MeshRecord
 from ngepc.goals.verdicts import narrowest, outcome_of
 from ngepc.studies.examples import example
 
