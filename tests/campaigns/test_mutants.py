@@ -143,11 +143,16 @@ def test_both_shares_are_said(study):
     assert study.run()[0]["first"] == "killed"
 
 
-def test_reasons_are_those_of_modules_of_this_package(tmp_path):
-    """A module that moves takes them along: the names of its mutants contain its own."""
-    modules = {module for module, _ in Mutants(tmp_path).reasons}
+def test_reasons_are_those_of_mutants_of_today(tmp_path):
+    """The name of a mutant contains its module, its function and its expression."""
+    reasons = Mutants(tmp_path).reasons
     package = mutants.ROOT / "ngepc"
-    assert [m for m in sorted(modules) if not (package / m).is_file()] == []
+    names = {
+        (module, mutation.name(module))
+        for module in {module for module, _ in reasons}
+        for mutation in mutations((package / module).read_text(encoding="utf-8"))
+    }
+    assert sorted(reasons.keys() - names) == []
 
 
 @pytest.fixture
