@@ -81,9 +81,11 @@ class Kinematics:
     thickness: float = 1.0
 
     def __reduce__(self) -> tuple:
-        """The kinematics of the package are pickled by name."""
-        if any(self is known for known in KINEMATICS):
-            return kinematics_of, (self.name, self.N)
+        """The kinematics of the package are pickled by name and thickness."""
+        for known in KINEMATICS:
+            others = vars(self) | {"thickness": known.thickness}
+            if all(others[name] is value for name, value in vars(known).items()):
+                return package_kinematics, (self.name, self.N, self.thickness)
         return Kinematics, tuple(vars(self).values())
 
     @property
@@ -191,6 +193,12 @@ def kinematics_of(name: Kinematics | str | None, dimension: int) -> Kinematics:
     if name not in legal:
         raise ValueError(needed)
     return legal[name]
+
+
+def package_kinematics(name: str, dimension: int, thickness: float) -> Kinematics:
+    """The kinematics of the package with a name and a thickness."""
+    known = kinematics_of(name, dimension)
+    return known if known.thickness == thickness else with_thickness(known, thickness)
 
 
 def with_thickness(kinematics: Kinematics, thickness: float | None) -> Kinematics:

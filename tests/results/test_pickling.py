@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import CASES, STEEL, pressed_body
+from featured import problem_with
 from ngsolve import Integrate, Parameter, specialcf, x
 
 from ngepc import (
@@ -24,6 +25,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import lshape, published
+from ngepc.model.features import FEATURES
 
 
 def example():
@@ -111,6 +113,14 @@ def test_pickled_and_copied_works_have_the_same_numbers(name):
     before = numbers_of(work)
     for again in (pickle.loads(pickle.dumps(work)), copy.deepcopy(work)):
         assert numbers_of(again) == pytest.approx(before, rel=1e-12, abs=1e-14)
+
+
+@pytest.mark.parametrize("feature", sorted(FEATURES.keys() - {"shared mesh"}))
+def test_pickled_and_copied_problems_have_the_same_features(feature):
+    """Methods cover a copy if they cover the problem."""
+    problem = problem_with(feature)
+    for again in (pickle.loads(pickle.dumps(problem)), copy.deepcopy(problem)):
+        assert again.features.keys() == problem.features.keys()
 
 
 def test_a_bound_survives():
