@@ -196,6 +196,14 @@ def one_thread():
     SetMessageImportance(0)
 
 
+@pytest.fixture
+def two_threads():
+    """Two threads of NGSolve."""
+    SetNumThreads(2)
+    yield
+    SetNumThreads(1)
+
+
 @pytest.fixture(autouse=True)
 def no_open_figures():
     """Pictures are figures of pyplot where a test imports it."""

@@ -10,6 +10,13 @@ def grid_laplacian(n):
     return (kron(line, eye(n)) + kron(eye(n), line)).tocsr()
 
 
+def scaled_laplacian(n):
+    """The same with rows and columns times random numbers: no product of two lines."""
+    random = np.random.default_rng(3)
+    scale = diags(random.uniform(0.5, 2.0, n * n))
+    return (scale @ grid_laplacian(n) @ scale).tocsr()
+
+
 def stop_after(number):
     """A monitor that ends a run at this record."""
     seen = []

@@ -53,6 +53,8 @@ class Verdict:
         The interval that decided, or was reached; None if the error bound is always infinite.
     run
         The meshes that were needed.
+    sentence
+        The interval and the limit, or why there is no decision.
     """
 
     outcome: str

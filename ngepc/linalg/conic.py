@@ -12,6 +12,8 @@ from scipy.sparse import csc_matrix, csr_matrix, vstack
 
 EXTRA = "Clarabel is needed for conic programs: pip install 'ngepc[conic]'"
 SOLVED = ("Solved", "AlmostSolved")
+FEASIBLE = 1e-8
+"""Tolerance of the residuals, relative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +68,7 @@ class ConeSolution:
         return self.status in SOLVED
 
 
-def cone_solution(
-    program: ConeProgram, gap: float = 1e-8, tolerance: float = 1e-8
-) -> ConeSolution:
+def cone_solution(program: ConeProgram, gap: float = 1e-8) -> ConeSolution:
     """Solve a conic program by Clarabel on one thread.
 
     Parameters
@@ -77,8 +77,6 @@ def cone_solution(
         The program.
     gap
         Between the program and its dual, relative.
-    tolerance
-        Of the residuals, relative.
 
     Raises
     ------
@@ -105,7 +103,7 @@ def cone_solution(
     settings.max_threads = 1
     settings.tol_gap_abs = gap
     settings.tol_gap_rel = gap
-    settings.tol_feas = tolerance
+    settings.tol_feas = FEASIBLE
     n = len(program.cost)
     solver = clarabel.DefaultSolver(
         csc_matrix((n, n)),

@@ -36,11 +36,11 @@ def step42() -> Solved:
     ]
 
 
-def fitted(result: DiscreteSolution, least: float = 0.15) -> tuple[float, float]:
+def fitted(result: DiscreteSolution) -> tuple[float, float]:
     """Peak pressure and half width of p^2 = p_0^2 (1 - x^2/a^2), fitted where p is not small."""
     place = result.rows.between(vertex_coordinates(result.problem.mesh))[:, 0]
     p = result.nodal_contact_forces / result.rows.weights
-    inner = (p > least * p.max()) & (place > 0.05 * place[p > 0].max())
+    inner = (p > 0.15 * p.max()) & (place > 0.05 * place[p > 0].max())
     slope, top = np.polyfit(place[inner] ** 2, p[inner] ** 2, 1)
     return math.sqrt(top), math.sqrt(-top / slope)
 

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from ngsolve import SetNumThreads, TaskManager
+from ngsolve import TaskManager
 
 from ngepc import (
     Coupled,
@@ -26,13 +26,6 @@ METHODS = {
     ),
 }
 """A few steps assemble, factorise and search, again and again; the other thread waits meanwhile."""
-
-
-@pytest.fixture
-def two_threads():
-    SetNumThreads(2)
-    yield
-    SetNumThreads(1)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -19,13 +19,6 @@ from ngepc.linalg import cores, cycle
 from ngepc.studies.large import pressed
 
 
-@pytest.fixture
-def two_threads():
-    SetNumThreads(2)
-    yield
-    SetNumThreads(1)
-
-
 def plane(nodes=3201):
     return lshape_problem(lshape.paper_mesh(nodes)), NewtonOptions()
 
