@@ -13,7 +13,7 @@ from pyngcore import GetNumThreads
 
 import ngepc
 from ngepc import NewtonOptions, PyAMG, lshape_problem
-from ngepc.discretisation import factors, points, summands
+from ngepc.discretisation import element_strains, factors, summands
 from ngepc.geometries import block, lshape
 from ngepc.linalg import cores, cycle
 from ngepc.studies.large import pressed
@@ -33,8 +33,8 @@ def solid():
 def test_several_threads_give_the_digits_of_one(make, monkeypatch):
     for module in (cycle, summands):
         monkeypatch.setattr(module, "LARGE", 100)
-    monkeypatch.setattr(points, "SMALL", 1000)
-    monkeypatch.setattr(points, "CHUNK", 10_000)
+    monkeypatch.setattr(element_strains, "SMALL", 1000)
+    monkeypatch.setattr(element_strains, "CHUNK", 10_000)
     problem, options = make()
     found = []
     for number in (1, 2, 4):
