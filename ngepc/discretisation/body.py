@@ -12,7 +12,7 @@ from ngsolve import H1, LinearForm, dx, specialcf
 from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.conditions import ContactConditions
-from ngepc.discretisation.floating import LOOSE, Floating, LooselyHeld
+from ngepc.discretisation.floating import LOOSE, SMALL, Floating, LooselyHeld
 from ngepc.discretisation.loads import applied_forces
 from ngepc.discretisation.prolongation import nodal_values
 from ngepc.discretisation.stiffness import Stiffness
@@ -320,6 +320,12 @@ class Iterate:
         if self._relative(self._processes.norm(drift)) < DRIFT * left:
             return ""
         centre = ", ".join(f"{c:.3g}" for c in floating.centres[-1])
+        if left > SMALL:
+            return (
+                f"The part around ({centre}) still moves as a rigid body, and {left:.2g} of the "
+                "forces move it: contact and friction hold it only just, if at all. More friction "
+                "or a support at a point holds it."
+            )
         return (
             f"The part around ({centre}) is free to move as a rigid body, and {left:.2g} of the "
             "forces move it: hold it, by friction or a support at a point. A tolerance above "

@@ -31,6 +31,9 @@ DOUBT = 1e-6
 EXHAUSTED = 1e-8
 """Most Lanczos steps, the probability that they miss a second solution, and the size of zero."""
 
+FAR = 1e12
+"""So many rigid motions of a step have no end."""
+
 NOTHING = 1e-12
 """Smaller displacements, as a part of the largest displacement or slip, are rounding errors."""
 
@@ -271,3 +274,57 @@ def contact_work(
         return float(conditions.sum_of(bound * along / np.where(size > 0, size, 1.0)))
 
     return slope, conditions.forces(np.where(idle, following, 0.0))
+
+
+def with_travel(here: Iterate, change: np.ndarray, contact: np.ndarray) -> np.ndarray:
+    """A step with the whole of its rigid motion z, where only weak springs resist that.
+
+    These make z too short.  Along z the energy changes by loads and friction alone; the motion ends
+    where it no longer falls, or at an obstacle.  A motion without an end is not changed.
+    """
+    z = here.body.floating.rigid_part(change)
+    conditions = here.body.contact
+    row_motion = conditions.displacement(z)
+    gaps = here.gaps - conditions.displacement(change)
+    nearing = conditions.normal(row_motion)
+    meets = nearing > NOTHING * np.abs(z).max()
+    left = np.maximum(conditions.normal(gaps)[meets], 0.0)
+    most = float((left / nearing[meets]).min(initial=FAR))
+
+    slip = -conditions.tangential(gaps)
+    along = conditions.tangential(row_motion)
+    bound = conditions.bound(contact)
+    work = float(np.vdot(here.body.load, z))
+
+    def slope(s: float) -> float:
+        """The derivative of the energy along z, at s z beyond the step."""
+        moved = slip + s * along
+        size = np.linalg.norm(moved, axis=1)
+        rubbing = np.einsum("ij,ij->i", moved, along) / np.where(size > 0, size, 1.0)
+        return float(bound @ rubbing) - work
+
+    length = travel(slope, most)
+    return change + length * z if length else change
+
+
+def travel(slope: Callable[[float], float], most: float) -> float:
+    """The length at which a slope, which grows, is no longer negative; ``most`` at most.
+
+    Zero if it is not negative at first, or up to ``FAR``.
+    """
+    low = 0.0
+    high = min(1.0, most)
+    if slope(BESIDE * high) >= 0 or (most == FAR and slope(FAR) < 0):
+        return 0.0
+    while high < most and slope(high) < 0:
+        low = high
+        high = min(2 * high, most)
+    if slope(high) <= 0:
+        return high
+    while high - low > BESIDE * high:
+        middle = (low + high) / 2
+        if slope(middle) < 0:
+            low = middle
+        else:
+            high = middle
+    return low

@@ -13,15 +13,16 @@ undetermined.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 from numpy.linalg import matrix_rank
 from scipy.linalg import eigvalsh
-from scipy.sparse import csr_matrix, diags, eye, hstack, vstack
+from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.conditions import ContactConditions
+from ngepc.discretisation.held_by_contact import missing
 from ngepc.discretisation.supports import Supports
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
@@ -130,45 +131,25 @@ class Floating:
         """A message if contact cannot balance a load (nodes, N); empty if it can.
 
         It can if the minimum over x of the sum of |l(z) - x . R z| over the motions z is zero, with
-        forces in units of the loads.  Tangential forces may reach the corners of the box around the
-        cone of friction: hence a message is certain, but no message does not prove that friction is
-        sufficient.
+        forces in units of the loads.
         """
         size = np.abs(load).sum()
         if not self.centres or size == 0:
             return ""
-        n, k = self._on_rows.shape
-        tied = self._contact.rows.tied
-        friction = self._contact.friction
-        m = len(tied)
-        row = np.repeat(np.arange(m), friction.d)
-
-        # The unknowns: forces x of the rows, then positive and negative parts of l(z) - x . R z.
-        most = np.append(np.full(m, np.inf), friction.cap[row] / size)
-        least = np.append(np.where(tied, -np.inf, 0.0), -most[m:])
-        ranges = [*zip(least, most, strict=True), *[(0, None)] * (2 * k)]
-        work = np.hstack([self._on_rows.T, np.eye(k), -np.eye(k)])
+        law = self._contact.friction
+        units = replace(law, cap=law.cap / size)
         wanted = np.einsum("ni,nik->k", load, self.motions) / size
-        cost = np.concatenate([np.zeros(n), np.ones(2 * k)])
-
-        # Coulomb's law, component by component: -mu n <= t <= mu n.
-        by_pressure = np.flatnonzero(~friction.given[row])
-        count = len(by_pressure)
-        pressing = row[by_pressure]
-        entries = (friction.coefficient[pressing], (np.arange(count), pressing))
-        bound = csr_matrix(entries, (count, m))
-        tangents = eye(n - m, format="csr")[by_pressure]
-        zero = csr_matrix((count, 2 * k))
-        limits = vstack([hstack([-bound, s * tangents, zero]) for s in (1, -1)])
-
-        given = {"A_ub": limits, "b_ub": np.zeros(limits.shape[0])}
-        found = scipy.optimize.linprog(
-            cost, A_eq=work, b_eq=wanted, bounds=ranges, **given
-        )
-        if found.fun <= SMALL:
+        if missing(wanted, self._on_rows, units, SMALL) <= SMALL:
             return ""
         centre = ", ".join(f"{c:.3g}" for c in self.centres[-1])
         return f"Contact cannot hold the part around ({centre}) against its loads."
+
+    def rigid_part(self, change: np.ndarray) -> np.ndarray:
+        """The rigid motion, shape (nodes, N), that is closest to a change of u."""
+        pulls = self.springs[:, :, None] * self.motions
+        gram = np.einsum("nia,nib->ab", pulls, self.motions)
+        work = np.einsum("nia,ni->a", pulls, change)
+        return self.motions @ np.linalg.solve(gram, work)
 
     def drift(self, residual: np.ndarray) -> np.ndarray:
         """The part of nodal forces, shape (nodes, N), that comes from rigid motions.

@@ -24,6 +24,7 @@ from ngepc.discretisation.contact_step import (
     contact_work,
     several_solutions,
     with_contact,
+    with_travel,
 )
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.linesearch import nearly_flat
@@ -283,6 +284,10 @@ def searched(
         return None
     length, trials = found
     if length == 1.0:
+        if here.body.floating.centres:
+            farther = with_travel(here, change, contact)
+            if farther is not change:
+                _, moved = here.along(farther)
         return moved(1.0, contact), length, trials
     forces = here.contact + length * (contact - here.contact)
     return moved(length, forces), length, trials

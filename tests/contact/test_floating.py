@@ -10,6 +10,7 @@ from ngsolve import Mesh, y
 from ngepc import (
     Coulomb,
     Material,
+    NewtonOptions,
     Problem,
     Status,
     error_bound,
@@ -25,6 +26,8 @@ COLUMN = Material.kinematic(
     lame_lambda=0.0, lame_mu=1e3, yield_stress=1e6, hardening=100.0
 )
 """Without lateral strain: the body is a sum of columns that do not mix."""
+
+SOFTER = Material.metal(young=2500, poisson=0.25, yield_stress=1.5, tangent_modulus=140)
 
 
 def on_the_floor(cells, friction=None, gap=0.0, material=COLUMN, **data):
@@ -80,6 +83,55 @@ def test_both_programs_agree_on_a_yielding_block():
     assert np.abs(one.state.u - two.state.u).max() < 1e-8
     slopes = gradient(one, "primal_energy", ["gap"])
     assert slopes["gap"] == pytest.approx(-WEIGHT, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("solver", "friction", "material"),
+    [
+        (semismooth_newton, None, COLUMN),
+        (semismooth_newton, Coulomb(0.3), COLUMN),
+        (primal_newton, None, COLUMN),
+        (primal_newton, 0.5, COLUMN),
+    ],
+)
+@pytest.mark.parametrize("stiffer", [1.0, 1e3, 1e6])
+def test_a_block_falls_however_far(solver, friction, material, stiffer):
+    """Its travel is up to 1e9 times its strains; only loads and gaps say how long it is."""
+    stiff = replace(material, lame_mu=stiffer * material.lame_mu)
+    result = solver(on_the_floor((4, 4), friction, 0.7, stiff))
+    assert result.status is Status.CONVERGED
+    assert result.iterations <= 4
+    assert result.contact_force == pytest.approx(WEIGHT, rel=1e-7)
+    assert result.displacement(result.problem.mesh(0.3, 0.0))[1] == pytest.approx(-0.7)
+
+
+@pytest.mark.parametrize("angle", [0.0, 20.0, 45.0, 80.0])
+@pytest.mark.parametrize("friction", [0.3, Coulomb(0.3)])
+def test_friction_in_space_holds_as_much_in_every_direction(angle, friction):
+    """The block slides where the shear exceeds .3 of the weight, not .3 of its components."""
+    across = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    cube = block.structured_mesh(2, 2, 2, simplices=True)
+    stands = Problem(
+        cube, COLUMN, None, contact="clamped", gap=0.0, friction=friction, order=1
+    )
+    for part, status in ((0.99, Status.CONVERGED), (1.001, Status.UNHELD)):
+        shear = [0.3 * part * c for c in across]
+        result = semismooth_newton(replace(stands, traction={"contact": (*shear, -1)}))
+        assert result.status is status, result.message
+        if status is Status.UNHELD:
+            assert "tolerance" not in result.message
+
+
+def test_what_friction_holds_only_just_is_said_without_a_tolerance():
+    """The shear is .9998 of what friction holds: steps of the sliding body are short."""
+    cube = block.structured_mesh(2, 2, 2, simplices=True)
+    floor = {"contact": "clamped", "gap": 0.0, "friction": Coulomb(0.3)}
+    load = {"contact": (0.2121, 0.2121, -1.0)}
+    problem = Problem(cube, SOFTER, None, load, **floor)
+    result = semismooth_newton(problem, options=NewtonOptions(max_iterations=20))
+    assert result.status is Status.ITERATION_LIMIT
+    assert "contact and friction hold it only just" in result.message
+    assert "tolerance" not in result.message
 
 
 def test_whatever_lifts_a_block_is_said():
