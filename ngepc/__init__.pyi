@@ -30,6 +30,7 @@ from ngepc.goals.adaptive import solve_to as solve_to
 from ngepc.goals.brackets import Bracket as Bracket
 from ngepc.goals.brackets import contact_force_bracket as contact_force_bracket
 from ngepc.goals.brackets import displacement_bracket as displacement_bracket
+from ngepc.goals.confidence import confidence as confidence
 from ngepc.goals.goal_bound import goal_bound as goal_bound
 from ngepc.goals.goal_interval import GoalBound as GoalBound
 from ngepc.goals.kinds import ContactForceOn as ContactForceOn
@@ -39,7 +40,6 @@ from ngepc.goals.receipt import write_receipt as write_receipt
 from ngepc.goals.refinement import BoundedResult as BoundedResult
 from ngepc.goals.refinement import Refinement as Refinement
 from ngepc.goals.verdicts import Verdict as Verdict
-from ngepc.goals.verdicts import confidence as confidence
 from ngepc.goals.verdicts import verdict as verdict
 from ngepc.limit.load import limit_load as limit_load
 from ngepc.limit.outcome import LimitLoad as LimitLoad

@@ -37,7 +37,7 @@ MOVED = {
     "ngepc.bounds.setting.stress_coordinates": "ngepc.bounds.data.stress_coordinates",
     "ngepc.bounds.solid.SolidSetting": "ngepc.bounds.solid.SolidBoundData",
     "ngepc.bounds.verdicts.Verdict": "ngepc.goals.verdicts.Verdict",
-    "ngepc.bounds.verdicts.confidence": "ngepc.goals.verdicts.confidence",
+    "ngepc.bounds.verdicts.confidence": "ngepc.goals.confidence.confidence",
     "ngepc.bounds.verdicts.verdict": "ngepc.goals.verdicts.verdict",
     "ngepc.discretisation.balance.Balance": "ngepc.discretisation.body.Iterate",
     "ngepc.discretisation.balance.Floating": "ngepc.discretisation.floating.Floating",

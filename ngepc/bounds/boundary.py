@@ -14,7 +14,8 @@ from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import Coefficient
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.enclosed_gaps import OF_OBSTACLES
-from ngepc.discretisation.formulas import FacetCorners, formula_of
+from ngepc.discretisation.formulas import formula_of
+from ngepc.discretisation.operations import FacetCorners
 from ngepc.discretisation.polynomials import is_polynomial
 from ngepc.discretisation.sampling import HiddenRule, Scan
 from ngepc.linalg.intervals import Intervals

@@ -13,6 +13,7 @@ from ngsolve import Mesh
 from ngepc.bounds.bisection import Bisection
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets
+from ngepc.bounds.copies import bisected, with_matching
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import (
     BALANCED,
@@ -24,14 +25,7 @@ from ngepc.bounds.data import (
 from ngepc.bounds.held import RigidWorks, pressure_of_works
 from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.simplices import Simplices
-from ngepc.bounds.transfer import (
-    bisected,
-    carried_state,
-    check_carried,
-    discrete_on,
-    not_carried,
-    with_matching,
-)
+from ngepc.bounds.transfer import carried_state, check_carried, discrete_on, not_carried
 from ngepc.discretisation.factors import Factors
 from ngepc.local.indicators import COVERS as ESTIMATED
 from ngepc.local.indicators import indicators_of

@@ -21,8 +21,9 @@ from operator import add
 import numpy as np
 
 from ngepc.bounds.coverage import BUBBLE, FACET_RULES, lowest_of_quadratics
-from ngepc.discretisation.formulas import FacetCorners, Operation, formula_on
+from ngepc.discretisation.formulas import formula_on
 from ngepc.discretisation.lattices import parts_of_simplex
+from ngepc.discretisation.operations import FacetCorners, Operation
 from ngepc.linalg.intervals import Intervals
 from ngepc.linalg.jets import Jet
 

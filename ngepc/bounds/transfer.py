@@ -1,4 +1,4 @@
-"""The data of a problem, and its displacements, on a bisected copy of the mesh.
+"""The data of a problem, and the state of a result, on a bisected copy of the mesh.
 
 ``parents`` maps each of its elements to the number of the one that it lies in.
 """
@@ -9,110 +9,30 @@ from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import fields, replace
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
-from netgen.meshing import NetgenGeometry
-from ngsolve import CF, L2, CoefficientFunction, GridFunction, Integrate, Mesh, VectorH1
+from ngsolve import CoefficientFunction, GridFunction, Mesh, VectorH1
 
-from ngepc.bounds.contact import BUBBLE, EDGES
+from ngepc.bounds.copies import with_matching
 from ngepc.bounds.coverage import check_covered, varies_inside
-from ngepc.bounds.matching import matched
+from ngepc.bounds.displacements import carried_displacements, shares_in_parents
 from ngepc.bounds.rollers import by_nodes
-from ngepc.bounds.simplices import marked
 from ngepc.discretisation.points import Points, on_children
 from ngepc.discretisation.spaces import displacement_space, nodal
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import ACTING
-from ngepc.model.elements import inverses, vertex_coordinates
 from ngepc.model.material import Material
 from ngepc.model.own import MeshState
 from ngepc.model.problem import Problem
 from ngepc.results.outcome import History, Status
 
 HISTORY = ("initial_plastic_strain", "initial_hardening", "initial_accumulated")
+
 CARRIED = (*HISTORY, "initial_strain")
 """Data inside the body, apart from the material and the body force."""
+
 Transfer = Callable[[np.ndarray, Points, Points, np.ndarray], np.ndarray]
-# bisection stops within this factor of its aim: indicators mostly fall faster than expected
-CLOSE = 1.03
-
-
-def bisected(mesh: Mesh, chosen: np.ndarray) -> tuple[Mesh, np.ndarray]:
-    """A copy of the mesh with the chosen elements bisected, and neighbours to conform."""
-    finer, number = copied(mesh)
-    finer.SetRefinementFlags(chosen.tolist())
-    finer.Refine()
-    return finer, parents_in(number)
-
-
-def copied(mesh: Mesh) -> tuple[Mesh, GridFunction]:
-    """A copy of a mesh for bisection, and a function that ``parents_in`` reads.
-
-    A copy is needed, as on meshes that Netgen refined before functions are transferred wrongly.
-    New vertices are not moved to curved boundaries: the body stays the polygon of the mesh.
-    """
-    netgen_mesh = mesh.ngmesh.Copy()
-    netgen_mesh.SetGeometry(NetgenGeometry())
-    finer = Mesh(netgen_mesh)
-    number = GridFunction(
-        L2(finer, order=0, autoupdate=True), autoupdate=True, nested=True
-    )
-    number.vec.FV().NumPy()[:] = np.arange(mesh.ne)
-    return finer, number
-
-
-def parents_in(number: GridFunction) -> np.ndarray:
-    """For each element of a ``copied`` mesh the original element that contains it.
-
-    A search by coordinates could give a neighbour, within 1e-6 of the size of the larger one.
-    """
-    return number.vec.FV().NumPy().round().astype(int)
-
-
-def bisected_to(
-    mesh: Mesh, indicators: np.ndarray, share: float, left: float
-) -> tuple[Mesh, np.ndarray]:
-    """A copy of the mesh, bisected until a fraction ``left`` of the indicators should remain.
-
-    A child with the fraction v of an element's volume is expected to have v^(1 + 2/N) of its
-    indicator, as for order one and smooth solutions: halving all edges leaves a quarter.  Each pass
-    bisects the elements of Doerfler's marking with ``share``, the last pass fewer.
-    """
-    (finer, number), sums = copied(mesh), np.maximum(indicators, 0.0)
-
-    def scale() -> np.ndarray:
-        """The expected ratio of indicators, from the ratio of volumes."""
-        return np.array(Integrate(CF(1), finer, element_wise=True)) ** (
-            1 + 2 / mesh.dim
-        )
-
-    density = sums / scale()
-    wanted = left * sums.sum()
-    while finer.ne == mesh.ne or sums.sum() > CLOSE * wanted:
-        chosen = marked(sums, min(share, (1 - wanted / sums.sum()) / 0.75))
-        finer.SetRefinementFlags(chosen.tolist())
-        finer.Refine()
-        sums = density[parents_in(number)] * scale()
-    return finer, parents_in(number)
-
-
-def with_matching(
-    problem: Problem, copy: tuple[Mesh, np.ndarray] | None
-) -> tuple[Mesh, np.ndarray] | None:
-    """A copy of the mesh of a problem, and its parents, that matches where two bodies meet.
-
-    ``copy`` is one with other changes, None without; None if the mesh itself is to be used.
-    """
-    if not problem.contact_pairs:
-        return copy
-    mesh = problem.mesh if copy is None else copy[0]
-    found = matched(mesh, problem.contact_pairs)
-    if found is None or copy is None:
-        return copy if found is None else found
-    finer, parents = found
-    return finer, copy[1][parents]
 
 
 def check_carried(problem: Problem) -> None:
@@ -272,73 +192,6 @@ def carried_function(
     found = GridFunction(VectorH1(mesh, order=problem.order), name=u.name)
     found.vec.FV().NumPy()[:] = values.T.ravel()
     return found
-
-
-class Shares(NamedTuple):
-    """The ``cells`` that differ from their parents, and barycentric coordinates of their vertices.
-
-    ``values`` have the shape (cells, ends, ends): the coordinates in the parents.
-    """
-
-    cells: np.ndarray
-    values: np.ndarray
-
-
-def carried_displacements(
-    u: np.ndarray, shares: Shares, before: Points, after: Points, parents: np.ndarray
-) -> np.ndarray:
-    """The same displacements (nodes, N) on a bisected mesh, from the points of both meshes.
-
-    Affine functions are interpolated by barycentric coordinates in the parents, the quadratic parts
-    of displacements of order two by products of these.
-    """
-    N = before.mesh.dim
-    ends = N + 1
-    found = on_whole_cells(u, before, after, parents)
-    nodes = after.blocks[0].nodes[shares.cells]
-    there = before.blocks[0].nodes[parents[shares.cells]]
-    share = shares.values
-    corners = np.matmul(share, u[there[:, :ends]])
-    if before.order == 2:
-        a, b = np.transpose(EDGES[N])
-        bubbles = u[there[:, ends:]]
-        along = share[:, a] - share[:, b]
-        corners += BUBBLE * np.matmul(share[:, :, a] * share[:, :, b], bubbles)
-        found[nodes[:, ends:]] = -np.matmul(along[:, :, a] * along[:, :, b], bubbles)
-    found[nodes[:, :ends]] = corners
-    return found
-
-
-def on_whole_cells(
-    values: np.ndarray, before: Points, after: Points, parents: np.ndarray
-) -> np.ndarray:
-    """Nodal values (nodes, .) on a bisected mesh, right on cells that are not cut.
-
-    Vertices that are not moved keep their numbers.
-    """
-    count = before.mesh.nv
-    ends = before.mesh.dim + 1
-    found = np.empty((after.scalar.ndof, values.shape[1]))
-    found[:count] = values[:count]
-    edges = after.blocks[0].nodes[:, ends:]
-    found[edges] = values[before.blocks[0].nodes[parents, ends:]]
-    return found
-
-
-def shares_in_parents(before: Points, after: Points, parents: np.ndarray) -> Shares:
-    """Where the vertices of cells that are cut lie in their parents."""
-    ends = before.mesh.dim + 1
-    known = before.blocks[0].nodes[parents, :ends]
-    wanted = after.blocks[0].nodes[:, :ends]
-    x = vertex_coordinates(before.mesh)
-    y = vertex_coordinates(after.mesh)
-    moved = (x != y[: len(x)]).any(axis=1)
-    other = np.flatnonzero(((known != wanted) | moved[known]).any(axis=1))
-    corners = x[known[other]]
-    origin = corners[:, :1]
-    share = np.matmul(y[wanted[other]] - origin, inverses(corners[:, 1:] - origin))
-    first = 1.0 - share.sum(axis=2, keepdims=True)
-    return Shares(other, np.concatenate([first, share], axis=2))
 
 
 def carried_state(

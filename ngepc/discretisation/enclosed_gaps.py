@@ -7,14 +7,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from ngsolve import BND, ET, CoefficientFunction, IntegrationRule, Mesh
 
-from ngepc.discretisation.formulas import (
-    FacetCorners,
-    Operation,
-    Values,
-    formula_of,
-    formula_on,
-)
+from ngepc.discretisation.formulas import formula_of, formula_on
 from ngepc.discretisation.lattices import parts_of_edges
+from ngepc.discretisation.operations import FacetCorners, Operation, Values
 from ngepc.discretisation.polynomials import is_polynomial
 from ngepc.discretisation.sampling import FOLLOWED
 from ngepc.linalg.intervals import Intervals

@@ -7,18 +7,13 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+from ngepc.bounds.copies import with_matching
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.outcome import ErrorBound, thickened
 from ngepc.bounds.rollers import in_components
 from ngepc.bounds.thickness import is_of_thickness_one, with_other_thickness
-from ngepc.bounds.transfer import (
-    carried_state,
-    check_carried,
-    discrete_on,
-    on_mesh,
-    with_matching,
-)
+from ngepc.bounds.transfer import carried_state, check_carried, discrete_on, on_mesh
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.checks.sentences import in_words

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from ngsolve import Mesh
 
+from ngepc.bounds.copies import bisected_to, with_matching
 from ngepc.bounds.outcome import ErrorBound
-from ngepc.bounds.transfer import bisected_to, with_matching
 from ngepc.model.problem import Problem
 
 FEWER = 0.4  # approximate ratio of the nodes of a mesh and of the next one

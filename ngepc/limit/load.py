@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from ngsolve import Mesh
 
+from ngepc.bounds.copies import bisected
 from ngepc.bounds.simplices import Simplices, marked
-from ngepc.bounds.transfer import bisected
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.checks.sentences import in_words

@@ -6,8 +6,8 @@ from netgen.occ import Glue, MoveTo, OCCGeometry
 from ngsolve import BND, CF, H1, VOL, GridFunction, Integrate, Mesh, x, y
 
 from ngepc.bounds.bisection import Bisection
+from ngepc.bounds.copies import bisected
 from ngepc.bounds.simplices import Simplices
-from ngepc.bounds.transfer import bisected
 from ngepc.geometries import lshape, wrench
 
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from ngepc import Material, Problem, semismooth_newton
+from ngepc.bounds.copies import bisected
 from ngepc.bounds.equilibration import laplacian_inverses
 from ngepc.bounds.nearby import strain_nearby
-from ngepc.bounds.transfer import bisected, carried_state, discrete_on
+from ngepc.bounds.transfer import carried_state, discrete_on
 from ngepc.geometries import block
 from ngepc.model.elements import inverses, solutions
 

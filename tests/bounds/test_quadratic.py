@@ -9,6 +9,7 @@ from ngsolve import CF, L2, GridFunction, x, y
 
 from ngepc import Material, Problem, lshape_problem, semismooth_newton
 from ngepc.bounds.bound import error_bound
+from ngepc.bounds.copies import bisected
 from ngepc.bounds.of_state import bound_data_of
 from ngepc.bounds.polynomials import (
     AT_NODES,
@@ -19,7 +20,7 @@ from ngepc.bounds.polynomials import (
     quadratics,
     square_integrals,
 )
-from ngepc.bounds.transfer import bisected, carried_state, on_mesh
+from ngepc.bounds.transfer import carried_state, on_mesh
 from ngepc.geometries import block, lshape
 from ngepc.goals.adaptive import solve_to
 from ngepc.goals.refinement import Refinement

@@ -24,12 +24,13 @@ from ngepc import (
 )
 from ngepc.bounds.algebraic import FewSolves, algebraic_part
 from ngepc.bounds.bound import error_bound
+from ngepc.bounds.copies import bisected
 from ngepc.bounds.coverage import FACET_RULES
 from ngepc.bounds.data import Effort
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.of_state import bound_data_of, bound_of_state
 from ngepc.bounds.simplices import FACETS, Simplices
-from ngepc.bounds.transfer import bisected, on_mesh
+from ngepc.bounds.transfer import on_mesh
 from ngepc.discretisation.factors import Factors
 from ngepc.geometries import block
 from ngepc.goals.refinement import Refinement

@@ -16,9 +16,10 @@ from ngsolve import CF, Mesh, cos, sin, x, y
 
 from ngepc import Material, Overlay, Roller, semismooth_newton
 from ngepc.bounds.bound import error_bound
+from ngepc.bounds.copies import bisected
 from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.outcome import ErrorBound
-from ngepc.bounds.transfer import bisected, on_mesh
+from ngepc.bounds.transfer import on_mesh
 from ngepc.studies.work import Work
 
 KINDS = (

@@ -16,9 +16,10 @@ from campaigns.crossings import finer, problem_of, random_draws
 from campaigns.random_problems import BODIES
 
 from ngepc import MeanDisplacement, Reaction, goal_bound, semismooth_newton, solve_to
+from ngepc.bounds.copies import with_matching
 from ngepc.bounds.of_state import bound_data_of
 from ngepc.bounds.rollers import result_by_nodes
-from ngepc.bounds.transfer import on_mesh, with_matching
+from ngepc.bounds.transfer import on_mesh
 from ngepc.goals.goal_terms import terms_of
 from ngepc.goals.verdicts import FINEST
 from ngepc.studies.work import Work

@@ -17,7 +17,8 @@ from ngepc import (
     evolve,
     load_cycle,
 )
-from ngepc.bounds.transfer import bisected, on_mesh
+from ngepc.bounds.copies import bisected
+from ngepc.bounds.transfer import on_mesh
 from ngepc.geometries import block
 
 ELASTIC = {"lame_lambda": 1.5e3, "lame_mu": 1e3, "yield_stress": 5.0}

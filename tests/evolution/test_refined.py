@@ -9,7 +9,8 @@ from ngsolve import Integrate, Mesh, y
 
 from ngepc import Material, Problem, Voce, evolve, load_cycle, semismooth_newton
 from ngepc.bounds.bound import error_bound
-from ngepc.bounds.transfer import bisected, on_mesh
+from ngepc.bounds.copies import bisected
+from ngepc.bounds.transfer import on_mesh
 from ngepc.evolution.memory import Memory
 from ngepc.geometries import block
 from ngepc.goals.refinement import Refinement

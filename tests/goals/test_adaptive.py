@@ -23,8 +23,9 @@ from ngepc import (
     write_receipt,
 )
 from ngepc.bounds.bound import error_bound
+from ngepc.bounds.copies import bisected, bisected_to
 from ngepc.bounds.simplices import marked
-from ngepc.bounds.transfer import bisected, bisected_to, carried_state, on_mesh
+from ngepc.bounds.transfer import carried_state, on_mesh
 from ngepc.checks.sentences import outward
 from ngepc.geometries import block, lshape
 from ngepc.goals import adaptive, ends, one_mesh
