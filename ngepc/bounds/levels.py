@@ -14,9 +14,10 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from ngepc.bounds.airy import AirySpace, Blocks
-from ngepc.bounds.simplices import Simplices, marked, stable_order
+from ngepc.bounds.edge_rows import EdgeRows, RowSum
+from ngepc.bounds.simplices import Simplices, marked
 from ngepc.bounds.vertex_matrix import VertexGraph, VertexMatrix
-from ngepc.linalg.descent import Linear, conjugate_gradients
+from ngepc.linalg.descent import conjugate_gradients_by_pairs
 
 EDGE_STEPS = 3  # steps of Chebyshev's iteration for the unknowns of edges
 LEAST = 0.2  # lower end of its interval of eigenvalues, relative to the upper end
@@ -38,48 +39,12 @@ stress.
 """
 
 
-class ElementRows:
-    """The rows of element matrices in sparse matrices, for unknowns with ``numbers`` (m, nt).
-
-    What several elements enter in one place stands there several times: sorting it would take
-    longer than all products.
-    """
-
-    def __init__(self, numbers: np.ndarray) -> None:
-        self._order = stable_order(numbers.ravel())
-        self.rows = np.empty(numbers.shape, dtype=int)
-        self.rows.flat[self._order] = np.arange(numbers.size)
-        self.starts = np.append(0, np.cumsum(np.bincount(numbers.ravel())))
-
-    def columns(self, columns: np.ndarray) -> np.ndarray:
-        """The columns of all rows, (m nt, k), from those of the elements (k, nt)."""
-        return columns.T.astype(np.int32)[self._order % columns.shape[1]]
-
-
-class ElementSum:
-    """A sparse matrix of ``width`` columns from element matrices with ``rows`` and ``columns``."""
-
-    def __init__(self, rows: ElementRows, columns: np.ndarray, width: int) -> None:
-        self._rows = rows
-        self._columns = columns
-        self._width = width
-        self._entries = np.empty(columns.shape)
-
-    def enter(self, cells: slice, values: np.ndarray) -> None:
-        """Enter the matrices (m, k, n) of some elements."""
-        self._entries[self._rows.rows[:, cells]] = values.transpose(0, 2, 1)
-
-    def matrix(self) -> csr_matrix:
-        """The sum of the matrices that were entered."""
-        starts = self._columns.shape[1] * self._rows.starts
-        parts = self._entries.ravel(), self._columns.ravel(), starts
-        return csr_matrix(parts, shape=(len(starts) - 1, self._width))
-
-
 class TwoLevels:
     """K x = r for the free unknowns of Airy functions, with a direct solver for vertices.
 
-    ``cells`` are the triangles of the mesh; None if the space is that of some of them.
+    ``cells`` are the triangles of the mesh; None if the space is that of some of them.  Inside,
+    vectors have the order of ``VertexMatrix``, and the unknowns of edges are scaled such that their
+    diagonal is one; held ones are zero.
     """
 
     def __init__(self, space: AirySpace, cells: Simplices | None = None) -> None:
@@ -87,35 +52,53 @@ class TwoLevels:
         self._cells = cells
         self._count = space.vertices
         edges = space.unknowns[9:] - self._count
-        self._edges = edges
         self._graph = VertexGraph(space.unknowns[:9:3] // 3, edges[:3])
-        self._rows = ElementRows(edges)
-        self._corners = self._rows.columns(space.unknowns[:9])
-        self._free = space.free[: self._count].reshape(-1, 3)
+        self._rows = EdgeRows(self._graph, edges)
+        self._free = space.free[: self._count].reshape(-1, 3).T
 
     def another(self) -> TwoLevels:
         """The same unknowns for another matrix."""
         return copy(self)
 
-    def update(self, blocks: Iterable[Blocks], forces: Linear) -> None:
-        """Set the stiffness of the triangles.
+    def update(self, blocks: Iterable[Blocks]) -> None:
+        """Set the stiffness of the triangles to ``blocks`` of ``AirySpace.stiffness``.
 
-        ``blocks`` are those of ``AirySpace.stiffness``, ``forces`` is the product with all
-        unknowns, held ones too.  The solver for them is ``focused``.
+        The solver for them is ``focused``.
         """
-        self._forces = forces
         self._vertices = VertexMatrix(self._graph)
-        beside = ElementSum(self._rows, self._corners, self._count)
-        m, count = self._edges.shape
-        among = np.empty((m, m, count))
+        beside = RowSum(self._rows.vertices)
+        among = RowSum(self._rows.others)
         for cells, corners, cross, rest in blocks:
             self._vertices.add(cells, corners)
-            beside.enter(cells, cross.swapaxes(0, 1))
-            among[..., cells] = rest
-        self._on_edges = beside.matrix()
-        self._on_vertices = self._on_edges.T
-        self._take_edges(among)
+            each = cross.reshape(3, 3, *cross.shape[1:])
+            beside.add(cells, each.transpose(2, 0, 1, 3))
+            among.add(cells, rest[:, :, None])
+        self._take_edges(beside.matrix(self._count), among.matrix(self._rows.count))
         self._whole: TwoLevels | None = None
+
+    def _take_edges(self, beside: csr_matrix, among: csr_matrix) -> None:
+        """The rows of edges scaled, and a bound of the eigenvalues of their own matrix."""
+        diagonal = among.diagonal()
+        free = self.space.free[self._count :]
+        self._scale = free / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+        for matrix in (beside, among):
+            matrix.data *= np.repeat(self._scale, np.diff(matrix.indptr))
+        among.data *= self._scale[among.indices]
+        self._on_edges = beside
+        self._on_vertices = beside.T
+        self._edge_matrix = among
+        # abs(among) would add up equal columns in place, which all matrices of the mesh share
+        self._largest = np.add.reduceat(np.abs(among.data), among.indptr[:-1]).max()
+
+    def inside(self, r: np.ndarray) -> np.ndarray:
+        """A right side in the order and the scale of the inside."""
+        vertex, edge = np.split(r, [self._count])
+        return np.append(vertex.reshape(-1, 3).T, self._scale * edge)
+
+    def outside(self, x: np.ndarray) -> np.ndarray:
+        """The unknowns of a solution in this order and scale."""
+        vertex, edge = np.split(x, [self._count])
+        return np.append(vertex.reshape(3, -1).T, self._scale * edge)
 
     def focused(
         self,
@@ -139,13 +122,10 @@ class TwoLevels:
     def _with_factors(self, direct: np.ndarray | slice) -> TwoLevels:
         """The solver with factors for these vertices, and the inverse blocks of all others."""
         result = copy(self)
-        chosen = np.zeros(len(self._free), dtype=bool)
+        chosen = np.zeros(self._graph.count, dtype=bool)
         chosen[direct] = True
-        unknowns = (self._free & chosen[:, None]).ravel()
-        result._inverse = self._vertices.inverse(unknowns)
-        others = np.flatnonzero(~chosen & self._free.any(axis=1))
-        result._others = others
-        inverse_blocks = self._vertices.inverse_blocks(others, self._free[others])
+        result._inverse = self._vertices.inverse(self._free & chosen)
+        inverse_blocks = self._vertices.inverse_blocks(self._free & ~chosen)
         result._inverse_blocks = DAMPED * inverse_blocks
         result._take_modes()
         return result
@@ -153,79 +133,70 @@ class TwoLevels:
     def _take_modes(self) -> None:
         """The resultants between supports on coarse meshes; free unknowns move with them."""
         few = self._cells is not None and len(self.space.det) <= MODES_UP_TO
-        modes = self.space.modes() if few else []
-        self._modes = np.array(
-            [mode - self._relaxed(self._forces(mode)) for mode in modes]
-        )
-        self._gram = np.array(
-            [self._modes @ self._forces(mode) for mode in self._modes]
-        )
+        self._modes = self._images = np.zeros((0, len(self.space.free)))
+        if not few:
+            return
+        modes = [self.inside(mode) for mode in self.space.modes()]
+        modes = [mode - self.relaxed(self.product(mode))[0] for mode in modes]
+        if modes:
+            self._modes = np.array(modes)
+            self._images = np.array([self.product(mode) for mode in modes])
+            self._gram = self._modes @ self._images.T
+
+    def product(self, x: np.ndarray) -> np.ndarray:
+        """K x, with the rows of vertices that are held."""
+        vertex, edge = np.split(x, [self._count])
+        of_vertices = self._vertices.product(vertex) + self._on_vertices @ edge
+        of_edges = self._edge_matrix @ edge + self._on_edges @ vertex
+        return np.append(of_vertices, of_edges)
+
+    def answered(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The preconditioner: an approximate solution z of K z = r, and K z."""
+        z, of_z = self.relaxed(r)
+        if len(self._modes):
+            shares = np.linalg.solve(self._gram, self._modes @ r)
+            z += shares @ self._modes
+            of_z += shares @ self._images
+        return z, of_z
+
+    def relaxed(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Block Gauss-Seidel for the free unknowns: edges, vertices, edges again; K z with it."""
+        of_vertices, of_edges = np.split(r, [self._count])
+        z = np.empty_like(r)
+        of_z = np.empty_like(r)
+        vertex, edge = np.split(z, [self._count])
+        first = self._of_edges(of_edges)
+        vertex[:] = self._of_vertices(of_vertices - self._on_vertices @ first)
+        beside = self._on_edges @ vertex
+        np.subtract(first, self._of_edges(beside), out=edge)
+        of_z[: self._count] = self._vertices.product(vertex)
+        of_z[: self._count] += self._on_vertices @ edge
+        np.add(self._edge_matrix @ edge, beside, out=of_z[self._count :])
+        return z, of_z
 
     def _of_vertices(self, r: np.ndarray) -> np.ndarray:
         """Approximate solution of the vertices' block."""
-        x = self._inverse.solve(r)
-        alone = r.reshape(-1, 3)[self._others]
-        alone = np.einsum("nij,nj->ni", self._inverse_blocks, alone)
-        x.reshape(-1, 3)[self._others] = alone
+        x = np.einsum("ijn,jn->in", self._inverse_blocks, r.reshape(3, -1)).ravel()
+        self._inverse.solve(r, x)
         return x
-
-    def product(self, x: np.ndarray) -> np.ndarray:
-        """K x; without modes x is zero at held unknowns, and so is the result."""
-        if len(self._modes):
-            return self._forces(x)
-        vertex = x[: self._count]
-        edge = x[self._count :]
-        of_edges = self._unscale * (self._edge_matrix @ (self._unscale * edge))
-        of_vertices = self._vertices.product(vertex) + self._on_vertices @ edge
-        product = np.append(of_vertices, of_edges + self._on_edges @ vertex)
-        return product * self.space.free
-
-    def precondition(self, r: np.ndarray) -> np.ndarray:
-        """The preconditioner: an approximate solution of K x = r."""
-        x = self._relaxed(r)
-        if len(self._modes):
-            x += np.linalg.solve(self._gram, self._modes @ r) @ self._modes
-        return x
-
-    def _take_edges(self, K: np.ndarray) -> None:
-        """The matrix of the edges, its diagonal scaled to one, and a bound of its eigenvalues."""
-        free = self.space.free[self._count :]
-        edges = self._edges
-        own = np.einsum("kkt->kt", K).ravel()
-        diagonal = np.bincount(edges.ravel(), own, len(free))
-        self._unscale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-        self._scale = free / self._unscale
-        scale = self._scale[edges]
-        K *= scale
-        K *= scale[:, None]
-        among = ElementSum(self._rows, self._rows.columns(edges), len(free))
-        among.enter(slice(None), K)
-        self._edge_matrix = among.matrix()
-        self._edge_matrix.sum_duplicates()
-        self._largest = abs(self._edge_matrix).sum(axis=1).max()
 
     def _of_edges(self, r: np.ndarray) -> np.ndarray:
         """Approximate solution of the edges' block by Chebyshev's iteration."""
         middle = self._largest * (1 + LEAST) / 2
         half = self._largest * (1 - LEAST) / 2
-        r = self._scale * r
-        x = step = r / middle
+        step = r / middle
+        x = step.copy()
         rho = half / middle
         for _ in range(EDGE_STEPS - 1):
-            left = r - self._edge_matrix @ x
+            left = self._edge_matrix @ x
+            np.subtract(r, left, out=left)
             before = rho
             rho = 1 / (2 * middle / half - before)
-            step = rho * before * step + 2 * rho / half * left
-            x = x + step
-        return self._scale * x
-
-    def _relaxed(self, r: np.ndarray) -> np.ndarray:
-        """Block Gauss-Seidel for the free unknowns: edges, vertices, edges again."""
-        count = self._count
-        edge = self._of_edges(r[count:])
-        vertex = self._of_vertices(r[:count] - self._on_vertices @ edge)
-        edge -= self._of_edges(self._on_edges @ vertex)
-        return np.concatenate([vertex, edge])
+            step *= rho * before
+            left *= 2 * rho / half
+            step += left
+            x += step
+        return x
 
     def solve(self, right: np.ndarray, bound: float, gain: float, most: int) -> tuple:
         """An approximate solution of K x = right, and the resulting error bound.
@@ -234,10 +205,10 @@ class TwoLevels:
         step that lowers it by less than the fraction ``gain``.
         """
         x = np.zeros_like(right)
-        steps = conjugate_gradients(self.product, self.precondition, right)
+        steps = conjugate_gradients_by_pairs(self.answered, self.inside(right))
         for step in islice(steps, most):
-            x, _, gained = step
+            x, gained = step
             bound -= gained
             if gained <= gain * bound:
                 break
-        return x, bound
+        return self.outside(x), bound

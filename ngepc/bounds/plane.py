@@ -180,11 +180,6 @@ class SecondOrderModel:
             result[cells] = exact - self.of(cells).at(trial)[0]
         return result
 
-    def forces(self, x: np.ndarray) -> np.ndarray:
-        """The stiffness times all unknowns x, held ones too."""
-        strain = strain_of(self.compliance, self.space.stress(x))
-        return self.space.gathered(self.space.forces(strain))
-
 
 @dataclass(frozen=True, eq=False)
 class AirySearch:
@@ -215,7 +210,7 @@ def tightened(
     search = None
     for step in range(effort.newton + 1):
         model = SecondOrderModel(part, centre)
-        system.update(part.space.stiffness(model.compliance), model.forces)
+        system.update(part.space.stiffness(model.compliance))
         values, right = model.linearised(of_cells(z, there))
         if step == 0:
             search = AirySearch(system, model.compliance)
@@ -324,11 +319,7 @@ class PlaneBoundData(BoundData):
         at = self.conjugate.completed(self.on_parts(self.stress(state)))
         compliance = self.conjugate.compliance(at)
         system = self._unsolved.another()
-        quadratic = StressFunctional(
-            self.space, TangentCompliance(compliance), np.zeros((1, 1, 3))
-        )
-        model = SecondOrderModel(quadratic, np.zeros((len(compliance), 1, 3)))
-        system.update(self.space.stiffness(compliance), model.forces)
+        system.update(self.space.stiffness(compliance))
         return AirySearch(system, compliance)
 
     def adjoint_stress(

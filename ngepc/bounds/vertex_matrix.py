@@ -1,7 +1,9 @@
 """Symmetric matrices with three unknowns at each vertex of a triangulation.
 
 They consist of blocks (3, 3): one for each vertex and one for each edge, which are sums over the
-triangles.  The pattern is that of the mesh, so that no entry has to be sought.
+triangles.  The pattern is that of the mesh, so that no entry has to be sought.  Of the unknowns
+first stand those of the first component, for all vertices, then those of the next ones: sums over
+components are then sums of long vectors.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ class VertexGraph:
         self.vertices = vertices
         self.edges = edges
         self.count = int(vertices.max()) + 1
+        self.components = self.count * np.arange(3, dtype=np.int32)
         first, second = (vertices[list(ends)] for ends in zip(*PAIRS, strict=True))
         self.turned = first > second
         self.ends = np.empty((int(edges.max()) + 1, 2), dtype=np.int32)
@@ -42,7 +45,7 @@ class VertexGraph:
 
     def columns(self) -> np.ndarray:
         """The columns of the entries of edges."""
-        columns = 3 * self.ends[:, 1, None] + np.arange(3, dtype=np.int32)
+        columns = self.ends[:, 1, None] + self.components
         return np.tile(columns.ravel(), 3)
 
 
@@ -80,39 +83,45 @@ class VertexMatrix:
 
     def product(self, x: np.ndarray) -> np.ndarray:
         """The matrix times x (3 nv,)."""
-        each = x.reshape(-1, 3).T
-        own = [
-            sum(self._own[min(i, j), max(i, j)] * each[j] for j in range(3))
-            for i in range(3)
-        ]
-        above = np.stack(own) + (self._above @ x).reshape(3, -1)
-        return above.T.ravel() + self._below @ each.ravel()
+        each = x.reshape(3, -1)
+        result = np.empty_like(each)
+        for i, row in enumerate(result):
+            np.multiply(self._own[0, i], each[0], out=row)
+            for j in (1, 2):
+                row += self._own[min(i, j), max(i, j)] * each[j]
+        result = result.ravel()
+        result += self._above @ x
+        result += self._below @ x
+        return result
 
-    def inverse_blocks(self, vertices: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """Inverses (., 3, 3) of the blocks of some vertices, zero where not ``free`` (., 3)."""
-        kept = free[:, :, None] & free[:, None]
-        blocks = np.where(kept, np.moveaxis(self.blocks(vertices), 2, 0), 0.0)
-        held, component = np.nonzero(~free)
-        blocks[held, component, component] = 1.0
-        return np.where(kept, inverses(blocks), 0.0)
+    def inverse_blocks(self, free: np.ndarray) -> np.ndarray:
+        """Inverses (3, 3, nv) of the blocks of all vertices, zero where not ``free`` (3, nv)."""
+        kept = free[:, None] & free
+        blocks = np.where(kept, self.blocks(slice(None)), np.eye(3)[:, :, None])
+        return np.where(
+            kept, np.moveaxis(inverses(np.moveaxis(blocks, 2, 0)), 0, 2), 0.0
+        )
 
     def inverse(self, chosen: np.ndarray) -> PartialInverse:
-        """The inverse of the rows and columns of the chosen unknowns, (3 nv,) booleans."""
-        there = chosen.reshape(-1, 3).any(axis=1)
+        """The inverse of the rows and columns of the chosen unknowns, (3, nv) booleans."""
+        there = chosen.any(axis=0)
         vertices = np.flatnonzero(there)
         first, second = self._graph.ends.T
         edges = np.flatnonzero(there[first] & there[second])
         above = self._above.data.reshape(3, -1, 3)[:, edges]
         below = above.transpose(2, 0, 1)
         blocks = np.concatenate([self.blocks(vertices), below], axis=2)
-        i = 3 * np.concatenate([vertices, second[edges]]) + np.arange(3)[:, None, None]
-        j = 3 * np.concatenate([vertices, first[edges]]) + np.arange(3)[:, None]
-        kept = chosen[i] & chosen[j] & (i >= j)
-        number = np.cumsum(chosen) - 1
+        # numbers that put the unknowns of a vertex together, so that blocks are on one side
+        number = (np.cumsum(chosen.T) - 1).reshape(-1, 3).T
+        i = np.concatenate([vertices, second[edges]])
+        j = np.concatenate([vertices, first[edges]])
+        rows = np.broadcast_to(number[:, None, i], blocks.shape)
+        columns = np.broadcast_to(number[:, j], blocks.shape)
+        kept = chosen[:, None, i] & chosen[:, j] & (rows >= columns)
         size = int(chosen.sum())
-        places = (number[np.broadcast_to(k, kept.shape)[kept]] for k in (i, j))
-        matrix = from_entries(*places, blocks[kept], size, size)
-        return PartialInverse(matrix, np.flatnonzero(chosen))
+        matrix = from_entries(rows[kept], columns[kept], blocks[kept], size, size)
+        vertex, component = np.nonzero(chosen.T)
+        return PartialInverse(matrix, vertex + self._graph.components[component])
 
 
 class PartialInverse:
@@ -127,10 +136,8 @@ class PartialInverse:
         self._right = matrix.CreateColVector()
         self._left = matrix.CreateColVector()
 
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        """The solution for some right side, zero for all other unknowns."""
+    def solve(self, right: np.ndarray, x: np.ndarray) -> None:
+        """Enter the solution for some right side into x."""
         self._right.FV().NumPy()[:] = right[self._places]
         self._left.data = self._inverse * self._right
-        result = np.zeros_like(right)
-        result[self._places] = self._left.FV().NumPy()
-        return result
+        x[self._places] = self._left.FV().NumPy()

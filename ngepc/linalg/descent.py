@@ -37,6 +37,38 @@ def conjugate_gradients(
         yield x, r, length * now / 2
 
 
+def conjugate_gradients_by_pairs(
+    pair_of: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], right: np.ndarray
+) -> Iterator[tuple[np.ndarray, float]]:
+    """The same where a preconditioned residual z and its image A z are found together.
+
+    Yields x and the decrease of the energy; x changes with the next step.  Images of directions
+    are sums of those of z.
+    """
+    x = np.zeros_like(right)
+    r = right.copy()
+    direction = np.zeros_like(right)
+    image = np.zeros_like(right)
+    before = np.inf
+    while True:
+        z, of_z = pair_of(r)
+        now = float(np.vdot(r, z))
+        if not now > 0:
+            return
+        direction *= now / before
+        direction += z
+        image *= now / before
+        image += of_z
+        curvature = float(np.vdot(direction, image))
+        if not curvature > 0:
+            return
+        length = now / curvature
+        before = now
+        x += np.multiply(length, direction, out=z)
+        r -= np.multiply(length, image, out=of_z)
+        yield x, length * now / 2
+
+
 def minimal_residuals(
     multiply: Linear, precondition: Linear, right: np.ndarray, dot: Dot
 ) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:

@@ -120,30 +120,55 @@ def test_stiffness_matrices_belong_to_the_map_of_the_unknowns(degree):
 
 @pytest.mark.parametrize("degree", [3, 4])
 def test_some_triangles_alone_have_the_matrix_of_the_whole(degree):
-    """For unknowns that no other triangle shares: the same products, stresses and unknowns."""
+    """Of the whole all rows but those of held edges, of some triangles those that are free."""
     bound_data, _ = solved()
     cells = bound_data.cells
     space = AirySpace(bound_data.boundary, degree, bound_data.piola)
     chosen = cells.around(np.arange(3), 2)
     part = space.alone(chosen)
     H = np.tile(np.diag([1.0, 2.0, 3.0]), (len(cells.nodes), 1, 1, 1))
-    whole = TwoLevels(space, cells)
-    few = TwoLevels(part)
-    for system, own in ((whole, H), (few, H[chosen])):
-        system.update(system.space.stiffness(own), None)
-    x = np.random.default_rng(1).normal(size=len(part.free)) * part.free
-    same = np.zeros(len(space.free))
-    same[part.numbers] = x
+    for own, there in ((space, slice(None)), (part, chosen)):
+        system = TwoLevels(own)
+        system.update(own.stiffness(H[there]))
+        free = own.free.copy()
+        if own is space:
+            free[: own.vertices] = True
+        x = system.inside(np.random.default_rng(1).normal(size=len(free)) * free)
+        same = np.zeros(len(space.free))
+        same[own.numbers] = system.outside(x)
+        strain = strain_of(H, space.stress(same))
+        forces = space.gathered(space.forces(strain))[own.numbers]
+        wanted = system.inside(forces)
+        rows = system.inside(np.ones(len(free)) * free) != 0
+        np.testing.assert_allclose(system.product(x)[rows], wanted[rows], atol=1e-9)
+        np.testing.assert_allclose(
+            own.stress(system.outside(x)),
+            space.stress(same)[there],
+            rtol=1e-12,
+            atol=1e-9,
+        )
     assert 0 < np.count_nonzero(part.free) < np.count_nonzero(space.free)
-    whole._modes = few._modes = []
-    found, wanted = few.product(x), whole.product(same)
-    np.testing.assert_allclose(found, wanted[part.numbers] * part.free, atol=1e-9)
-    strain = strain_of(H, space.stress(same))
-    forces = space.gathered(space.forces(strain)) * space.free
-    np.testing.assert_allclose(wanted, forces, atol=1e-9)
-    np.testing.assert_allclose(
-        part.stress(x), space.stress(same)[chosen], rtol=1e-12, atol=1e-9
-    )
+
+
+@pytest.mark.parametrize("degree", [3, 4])
+@pytest.mark.parametrize("supported", [True, False])
+def test_the_preconditioner_knows_what_the_matrix_does(degree, supported):
+    """It is symmetric and positive, on two clamped sides with resultants between them, too."""
+    bound_data, _ = solved(clamped="left|right" if supported else "left")
+    space = AirySpace(bound_data.boundary, degree, bound_data.piola)
+    system = TwoLevels(space, bound_data.cells)
+    H = np.tile(np.diag([1.0, 2.0, 3.0]), (len(space.det), 1, 1, 1))
+    system.update(space.stiffness(H))
+    solver = system.focused()
+    assert (len(solver._modes) > 0) == supported
+    random = np.random.default_rng(3)
+    r = [system.inside(random.normal(size=len(space.free))) for _ in range(2)]
+    z = [solver.answered(one) for one in r]
+    for answer, image in z:
+        scale = np.abs(image).max()
+        np.testing.assert_allclose(image, solver.product(answer), atol=1e-12 * scale)
+    assert z[0][0] @ r[1] == pytest.approx(z[1][0] @ r[0], rel=1e-9)
+    assert z[0][0] @ r[0] > 0
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
@@ -153,22 +178,24 @@ def test_the_direct_solver_of_some_vertices_inverts_their_block(count):
     space = AirySpace(bound_data.boundary, 3, bound_data.piola)
     system = TwoLevels(space, bound_data.cells)
     H = np.tile(np.diag([1.0, 2.0, 3.0]), (len(space.det), 1, 1, 1))
-    system.update(space.stiffness(H), None)
-    free = space.free[: space.vertices].reshape(-1, 3)
-    vertices = np.flatnonzero(free.any(axis=1))[:count]
+    system.update(space.stiffness(H))
+    free = space.free[: space.vertices].reshape(-1, 3).T
+    vertices = np.flatnonzero(free.any(axis=0))[:count]
     chosen = np.zeros_like(free)
-    chosen[vertices] = free[vertices]
+    chosen[:, vertices] = free[:, vertices]
     x = np.random.default_rng(count).normal(size=chosen.shape) * chosen
     r = system._vertices.product(x.ravel())
-    found = system._vertices.inverse(chosen.ravel()).solve(r)
+    found = np.zeros_like(r)
+    system._vertices.inverse(chosen).solve(r, found)
     np.testing.assert_allclose(found, x.ravel(), atol=1e-12)
 
-    one = vertices[-1:]
+    one = vertices[-1]
     alone = np.zeros_like(x)
-    alone[one] = x[one]
-    r = system._vertices.product(alone.ravel()).reshape(-1, 3)[one]
-    inverse = system._vertices.inverse_blocks(one, free[one])
-    np.testing.assert_allclose(np.einsum("nij,nj->ni", inverse, r), x[one], atol=1e-12)
+    alone[:, one] = x[:, one]
+    r = system._vertices.product(alone.ravel()).reshape(3, -1)
+    inverse = system._vertices.inverse_blocks(free)
+    np.testing.assert_allclose(inverse[..., one] @ r[:, one], x[:, one], atol=1e-12)
+    assert not inverse[..., ~free.any(axis=0)].any()
 
 
 def test_what_nodal_forces_miss_is_no_reason_for_another_pass():

@@ -1,10 +1,16 @@
 """Krylov methods step by step."""
 
+from itertools import islice
+
 import numpy as np
 import pytest
 
 from ngepc.linalg import descent
-from ngepc.linalg.descent import conjugate_gradients, minimal_residuals
+from ngepc.linalg.descent import (
+    conjugate_gradients,
+    conjugate_gradients_by_pairs,
+    minimal_residuals,
+)
 
 
 def system(n):
@@ -41,9 +47,22 @@ def test_the_inverse_as_preconditioner_takes_one_step():
     np.testing.assert_allclose(x, np.linalg.solve(A, b), rtol=1e-12)
 
 
+def test_pairs_give_the_same_steps():
+    """The preconditioner that finds the image of its result, too; x is the same array."""
+    A, b = system(12)
+    d = A.diagonal()
+    pairs = conjugate_gradients_by_pairs(lambda r: (r / d, A @ (r / d)), b)
+    steps = conjugate_gradients(A.dot, lambda r: r / d, b)
+    for (x, gained), (wanted, _, same) in zip(islice(pairs, 8), steps, strict=False):
+        np.testing.assert_allclose(x, wanted, rtol=1e-9)
+        assert gained == pytest.approx(same, rel=1e-9)
+
+
 def test_indefinite_matrices_end_the_steps():
     assert not list(conjugate_gradients(lambda x: -x, lambda r: r, np.ones(3)))
     assert not list(conjugate_gradients(lambda x: x, lambda r: -r, np.ones(3)))
+    assert not list(conjugate_gradients_by_pairs(lambda r: (r, -r), np.ones(3)))
+    assert not list(conjugate_gradients_by_pairs(lambda r: (-r, -r), np.ones(3)))
 
 
 def test_minimal_residuals_are_the_smallest_of_their_krylov_space():
