@@ -95,7 +95,7 @@ class Curve:
 
         def slopes(names: Sequence[str]) -> np.ndarray:
             """Shape (measurements, names)."""
-            found = tangents_at(states, [{name: 1.0} for name in names])
+            found = tangents_at(states, [{name: 1.0} for name in names], problem)
             slopes = [
                 [change[step].of(functional) for change in found] for step in steps
             ]

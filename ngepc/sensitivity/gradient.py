@@ -6,7 +6,7 @@ step, p_0, dev alpha_2,0, alpha_1, PEEQ and u_0, are passed to the step before.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -40,10 +40,11 @@ from ngepc.sensitivity.law_data import PARTS
 from ngepc.sensitivity.linear import LinearStep
 from ngepc.sensitivity.parameters import (
     MATERIAL,
+    Direction,
     Parameters,
-    changed_data,
+    change_in_step,
     directions,
-    in_step,
+    what_lacks,
 )
 
 COVERS = (
@@ -112,7 +113,7 @@ def gradient(
         takes a fourth argument, contact pressure, that returns integrals of them.
     parameters
         Names such as ["hardening", "traction"], or name -> ``Direction``.  In a history a load or
-        gap changes in all steps, an initial plastic strain at the beginning.
+        gap changes in all steps that have it, an initial plastic strain at the beginning.
     step
         The time step of a history at which the functional is evaluated.
 
@@ -134,6 +135,7 @@ def gradient(
     functional = as_functional(functional)
     steps = states_of(result)
     last = range(len(steps))[require_integer("step", step, -len(steps), len(steps) - 1)]
+    require_data(result, wanted.values(), last + 1)
     derivatives = dict.fromkeys(wanted, 0.0)
     found = []
     by = Data()
@@ -145,15 +147,28 @@ def gradient(
             value, by = functional.slope(linear.state)
         by = linear.reverse(by)
         for name, direction in wanted.items():
-            if number == 0 or not direction.inherited:
-                here = linear.state.discrete.problem
-                direction = in_step(direction, result.problem, here)
-                change = changed_data(linear.state, direction)
+            change = change_in_step(linear.state, direction, result.problem, number)
+            if change is not None:
                 moved = linear.with_supports(change) if "values" in change else change
                 derivatives[name] += by.paired(moved)
                 if number == last:
                     derivatives[name] += slope_by_mesh(functional, linear.state, change)
     return Gradient(derivatives, value, tuple(found))
+
+
+def require_data(
+    result: Solution, wanted: Iterable[Direction], count: int | None = None
+) -> None:
+    """Refuse a datum that none of the first ``count`` steps has, or of all for None."""
+    given = [result.problem]
+    steps = given
+    if isinstance(result, Evolution):
+        steps = [step.problem for step in result.steps[:count]]
+    for direction in wanted:
+        problems = given if direction.inherited else steps
+        reasons = [what_lacks(problem, direction) for problem in problems]
+        if all(reasons):
+            raise ValueError(reasons[0])
 
 
 def states_of(result: Solution) -> list[Callable[[], State]]:

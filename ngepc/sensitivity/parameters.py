@@ -138,6 +138,18 @@ def in_step(direction: Direction, problem: Problem, step: Problem) -> Direction:
     return direction
 
 
+def change_in_step(
+    state: State, direction: Direction, problem: Problem, number: int
+) -> Data | None:
+    """The change of the data of a step of the history of a problem, the first being number 0.
+
+    None where the step has no such datum, or inherits it.
+    """
+    here = state.discrete.problem
+    absent = number > 0 if direction.inherited else what_lacks(here, direction)
+    return None if absent else changed_data(state, in_step(direction, problem, here))
+
+
 def changed_data(state: State, direction: Direction) -> Data:
     """The change of the data of a discrete problem per unit of a direction.
 
@@ -253,33 +265,51 @@ def _given(problem: Problem, datum: str) -> object:
     return None if given == {} else given
 
 
-def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
-    """A datum and its change, by single boundary if it has boundaries; the default for None."""
+def what_lacks(problem: Problem, direction: Direction) -> str:
+    """Why a problem lacks the datum of a direction, or its boundary; empty if it has it."""
     datum, _, boundary = direction.datum.partition(":")
-    change = direction.change
     given = _given(problem, datum)
-    if (
-        given is None
-        and datum != "shape"
-        and (change is None or datum in ("friction", "gap"))
-    ):
+    needs_datum = direction.change is None or datum in ("friction", "gap")
+    if is_of_part(datum) or datum == "shape":
+        return ""
+    if given is None and needs_datum:
         loads = ", ".join(name for name in LOADS if _given(problem, name) is not None)
         hint = f", its loads are: {loads}" if datum in LOADS and loads else ""
-        raise ValueError(f"parameters={datum!r}: the problem has none{hint}")
-    if change is None:
-        given = given.coefficient if isinstance(given, Coulomb) else given
-        change = 1.0 if datum == "gap" or is_number(given) else given
-    if datum not in BY_BOUNDARY:
-        return datum, change
+        return f"parameters={datum!r}: the problem has none{hint}"
+    if not boundary:
+        return ""
+    places_of = _by_place(problem, datum, _default_change(datum, given, direction))
+    if boundary in places_of:
+        return ""
+    legal = ", ".join(sorted(map(str, places_of)))
+    return f"parameters='{datum}:{boundary}': one of {legal} is needed"
+
+
+def _default_change(datum: str, given: object, direction: Direction) -> object:
+    """The change of a direction; None is the datum itself, or one."""
+    if direction.change is not None:
+        return direction.change
+    given = given.coefficient if isinstance(given, Coulomb) else given
+    return 1.0 if datum == "gap" or is_number(given) else given
+
+
+def _by_place(problem: Problem, datum: str, change: object) -> dict:
+    """A change of a datum that boundaries have, by single boundary or place."""
     if datum == "gap" and not isinstance(change, Mapping):
         change = dict.fromkeys(problem.contact_names, change)
     require_mapping(datum, change, "boundary name -> change")
-    change = {
-        p: v for key, v in change.items() for p in places(datum, key, problem.mesh)
-    }
-    if boundary and boundary not in change:
-        legal = ", ".join(sorted(map(str, change)))
-        raise ValueError(f"parameters='{datum}:{boundary}': one of {legal} is needed")
+    return {p: v for key, v in change.items() for p in places(datum, key, problem.mesh)}
+
+
+def _change(problem: Problem, direction: Direction) -> tuple[str, object]:
+    """A datum and its change, by single boundary if it has boundaries; the default for None."""
+    if lacks := what_lacks(problem, direction):
+        raise ValueError(lacks)
+    datum, _, boundary = direction.datum.partition(":")
+    change = _default_change(datum, _given(problem, datum), direction)
+    if datum not in BY_BOUNDARY:
+        return datum, change
+    change = _by_place(problem, datum, change)
     change = {boundary: change[boundary]} if boundary else change
     kept = {}
     if datum == "gap":

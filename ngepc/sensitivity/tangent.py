@@ -21,6 +21,7 @@ from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_mapping
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.system import State
+from ngepc.model.problem import Problem
 from ngepc.sensitivity.contact import (
     BIACTIVE,
     Biactive,
@@ -30,10 +31,10 @@ from ngepc.sensitivity.contact import (
 )
 from ngepc.sensitivity.equations import INHERITED, Data
 from ngepc.sensitivity.functionals import Form, Functional, as_functional, slope_by_mesh
-from ngepc.sensitivity.gradient import Solution, states_of
+from ngepc.sensitivity.gradient import Solution, require_data, states_of
 from ngepc.sensitivity.law_equations import YieldSurface, yield_surfaces_of
 from ngepc.sensitivity.linear import LinearStep, TangentError
-from ngepc.sensitivity.parameters import Direction, changed_data, directions
+from ngepc.sensitivity.parameters import Direction, change_in_step, directions
 
 EXCHANGES = 50  # largest number of changes of the active set
 
@@ -115,17 +116,19 @@ def tangent(result: Solution, parameters: Rates) -> TangentResult:
     states = (give_state() for give_state in states_of(result))
     rates = {parameters: 1.0} if isinstance(parameters, str) else parameters
     require_mapping("parameters", rates, "the name of a datum, or name -> rate")
-    return tangents_at(states, [rates])[0][-1]
+    wanted = Derivatives(rates, result.problem).directions
+    require_data(result, wanted.values())
+    return tangents_at(states, [rates], result.problem)[0][-1]
 
 
 def tangents_at(
-    states: Iterable[State], several: Sequence[Mapping]
+    states: Iterable[State], several: Sequence[Mapping], problem: Problem
 ) -> list[list[TangentResult]]:
     """The derivatives of the solutions of all time steps, in order, for several changes of data.
 
-    The matrix of a step is factorised once for all of them.
+    The matrix of a step is factorised once for all of them.  ``problem`` is that of the history.
     """
-    found = [Derivatives(rates) for rates in several]
+    found = [Derivatives(rates, problem) for rates in several]
     for state in states:
         system = LinearStep(state)
         for derivatives in found:
@@ -140,9 +143,11 @@ class Derivatives:
     ----------
     rates
         Name -> rate or (rate, Direction), as for ``tangent``.
+    problem
+        The problem of the history.
     """
 
-    def __init__(self, rates: Mapping) -> None:
+    def __init__(self, rates: Mapping, problem: Problem) -> None:
         pairs = {
             n: r if isinstance(r, tuple) else (r, Direction(n))
             for n, r in rates.items()
@@ -155,13 +160,16 @@ class Derivatives:
             for name, (r, _) in pairs.items()
         }
         self.steps: list[TangentResult] = []
+        self._problem = problem
 
     def append(self, system: LinearStep) -> None:
         """Add the derivative of the next step, with the system at its solution."""
         data = self._inherited()
         for name, direction in self.directions.items():
-            if not (self.steps and direction.inherited):
-                data += self.rates[name] * changed_data(system.state, direction)
+            number = len(self.steps)
+            change = change_in_step(system.state, direction, self._problem, number)
+            if change is not None:
+                data += self.rates[name] * change
         before = self.steps[-1].biactive if self.steps else ()
         self.steps.append(_change_of(system, data, before))
 

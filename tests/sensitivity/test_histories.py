@@ -11,6 +11,7 @@ from ngepc import (
     Coulomb,
     Material,
     Problem,
+    Schedule,
     cold_start,
     evolve,
     load_cycle,
@@ -55,7 +56,7 @@ def test_a_load_cycle_of_ten_steps(cycle):
     assert len(cycle.steps) == 10
     names = ["lame_mu", "yield_stress", "hardening", "traction", "gap"]
     states = [give_state() for give_state in states_of(cycle)]
-    tangents = tangents_at(states, [{name: 1.0} for name in names])
+    tangents = tangents_at(states, [{name: 1.0} for name in names], cycle.problem)
     found = dict(zip(names, tangents, strict=True))
     for step in (4, 9):
         slopes = gradient(cycle, "primal_energy", names, step=step)
@@ -89,6 +90,46 @@ def test_steps_from_a_file_have_the_same_derivatives(tmp_path):
     assert any(one.values())
 
 
+METAL = Material.metal(young=2500, poisson=0.25, yield_stress=1.5, tangent_modulus=140)
+
+ABSENT = {
+    "gap": {"contact": None, "gap": None, "friction": None},
+    "friction": {"friction": None},
+    "traction": {"traction": None},
+    "traction:right": {"traction": {"left": (0.3, 0.0)}},
+}
+"""A datum, and the changes in a step that has none of it, or not on this boundary."""
+
+
+@pytest.mark.parametrize("name", ABSENT)
+def test_a_datum_that_one_step_lacks_counts_in_the_others(name):
+    """The second of three steps has no contact, no friction or no such load."""
+    datum = name.split(":")[0]
+
+    def solved(by):
+        """The history with the datum larger by an amount, the traction by a factor."""
+        data = {"gap": -1e-3, "friction": 0.3, "traction": 1.0}
+        data[datum] += by
+        data["traction"] = {"right": (0.1 * data["traction"], data["traction"])}
+        problem = Problem(block.structured_mesh(3, 3), METAL, contact="contact", **data)
+
+        def changes(time):
+            """A pressure that grows, and what is absent in the second step."""
+            pressed = {"pressure": {"left": 0.3 * time}}
+            return pressed | (ABSENT[name] if time == 2 else {})
+
+        return evolve(problem, Schedule([1.0, 2.0, 3.0], changes))
+
+    size = 1e-7 if datum == "gap" else 1e-5
+    found = gradient(solved(0.0), "contact_force", [name])
+    assert found.differentiable
+    assert tangent(solved(0.0), name).contact_force == pytest.approx(found[name])
+    ends = [solved(by).steps[-1].record.contact_force for by in (size, -size)]
+    assert found[name] == pytest.approx((ends[0] - ends[1]) / (2 * size), rel=1e-6)
+    with pytest.raises(ValueError, match="parameters='body_force': the problem has"):
+        gradient(solved(0.0), "contact_force", ["body_force"])
+
+
 def test_the_number_of_an_initial_strain_that_a_load_cycle_scales():
     """It is that of the problem, not those of the steps: 2 and 0.5 times as large."""
     steel = Material.metal(
@@ -96,9 +137,9 @@ def test_the_number_of_an_initial_strain_that_a_load_cycle_scales():
     )
     body = Problem(block.structured_mesh(2, 2), steel, contact="contact", gap=0.0)
 
-    def cycle_of(strain):
+    def cycle_of(strain, factors=(2, 0.5)):
         heated = body.changed(clamped="clamped", initial_strain=strain)
-        return evolve(heated, load_cycle(heated, [2, 0.5]))
+        return evolve(heated, load_cycle(heated, factors))
 
     strain, h = 1e-3, 1e-7
     for step in (0, 1):
@@ -106,6 +147,9 @@ def test_the_number_of_an_initial_strain_that_a_load_cycle_scales():
         found = gradient(cycle_of(strain), "contact_force", "initial_strain", step=step)
         expected = (ends[1] - ends[0]) / (2 * h)
         assert found["initial_strain"] == pytest.approx(expected, rel=1e-5)
+        factors = (2, 0.5)[: step + 1]
+        forward = tangent(cycle_of(strain, factors), "initial_strain").contact_force
+        assert forward == pytest.approx(expected, rel=1e-5)
 
 
 def test_the_regularised_method_has_no_derivatives():
