@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ngepc.bounds.balance import balanced_stress, spring_energy
 from ngepc.bounds.convex import conjugate_of
-from ngepc.bounds.data import balanced_stress, spring_energy, strain_coordinates
+from ngepc.bounds.coordinates import strain_coordinates
 from ngepc.discretisation.factors import Factors, tangent_of
 from ngepc.linalg.direct import FactorisationError
 from ngepc.local.choice import DIRECT, fastest_solver

@@ -10,18 +10,13 @@ from __future__ import annotations
 import numpy as np
 from ngsolve import Mesh
 
+from ngepc.bounds.balance import BALANCED, factorise, spring_energy
 from ngepc.bounds.bisection import Bisection
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets
+from ngepc.bounds.coordinates import Displaced, stress_coordinates
 from ngepc.bounds.copies import bisected, with_matching
 from ngepc.bounds.coverage import COVERS as BOUNDED
-from ngepc.bounds.data import (
-    BALANCED,
-    factorise,
-    spring_energy,
-    stress_change,
-    stress_coordinates,
-)
 from ngepc.bounds.held import RigidWorks, pressure_of_works
 from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.simplices import Simplices
@@ -155,7 +150,7 @@ def balanced_by_copy(
     on_copy = np.zeros_like(copy.u)
     on_copy[: len(missing)] = missing
     moved = tangent.solve(on_copy)
-    change = stress_change(copy.discrete, tangent, moved)
+    change = Displaced.of(copy.discrete, moved).stress_change(tangent)
     volume = copy.discrete.points.weights
     cells = own.discrete.points.weights
     sums = [np.bincount(parents, volume * part, len(cells)) for part in change.T]

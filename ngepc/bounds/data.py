@@ -12,18 +12,17 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, cg
 
+from ngepc.bounds.balance import balanced_stress
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.conjugate import R6
 from ngepc.bounds.contact import ContactFacets
 from ngepc.bounds.convex import conjugate_of
+from ngepc.bounds.coordinates import Displaced, strain_coordinates, stress_coordinates
 from ngepc.bounds.coverage import CONSTANT
 from ngepc.bounds.densities import AT_CORNERS, missed
 from ngepc.bounds.element import ELEMENTS
 from ngepc.bounds.equilibration import Patches
 from ngepc.bounds.foundation import Foundation
-from ngepc.bounds.nearby import strain_nearby
 from ngepc.bounds.oscillation import CarriedLoads
 from ngepc.bounds.polynomials import AT_POINTS, TO_NODES, portions
 from ngepc.bounds.simplices import Simplices, by_cells
@@ -32,15 +31,6 @@ from ngepc.checks.sentences import in_words
 from ngepc.discretisation.factors import Factors
 from ngepc.local.system import DiscreteProblem, State
 
-# tolerance of equilibrium relative to the largest nodal force, and the most corrections
-BALANCED = 1e-12
-PASSES = 2
-FLOATING_STEPS = 20
-"""Most steps of conjugate gradients where parts float."""
-REDUCED = 1e-10
-"""Their tolerance: rounding errors move the parts in longer runs."""
-SPRING_PASSES = 30
-"""Most solves after them, until weak springs carry no more than rounding errors."""
 UNSTRAINED = 1e-8
 """Strain whose forces are the smallest scale for residuals of equilibrium."""
 
@@ -73,23 +63,6 @@ class BestStress(NamedTuple):
     pressure: np.ndarray
     search: Any
     sprung: np.ndarray
-
-
-class Displaced(NamedTuple):
-    """Displacements (nodes, N) with the trace and deviator of their strains, as of ``Points``."""
-
-    u: np.ndarray
-    trace: np.ndarray
-    deviator: np.ndarray
-
-    @classmethod
-    def of(cls, discrete: DiscreteProblem, u: np.ndarray) -> Displaced:
-        """Displacements with their strains."""
-        return cls(u, *discrete.points.strain(u))
-
-    def stress_change(self, tangent: Factors) -> np.ndarray:
-        """The change of stress (points, c) for these changes of displacements."""
-        return stress_coordinates(*tangent.moduli.stress(self.trace, self.deviator))
 
 
 class AdjointStress(NamedTuple):
@@ -283,7 +256,7 @@ class BoundData:
 
     def answer(self, tangent: Factors, change: np.ndarray) -> np.ndarray:
         """The change of stress (points, c) for a change of displacements (nodes, N)."""
-        return stress_change(self.discrete, tangent, change)
+        return Displaced.of(self.discrete, change).stress_change(tangent)
 
 
 def varies_on_cells(values: np.ndarray, each: int) -> bool:
@@ -296,89 +269,6 @@ def varies_on_cells(values: np.ndarray, each: int) -> bool:
     return bool(most > CONSTANT * np.abs(values).max(initial=0.0))
 
 
-def balanced_stress(
-    state: State, tangent: Factors, load: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Stresses (points, c) near those of a state, in equilibrium with nodal forces (nodes, N).
-
-    The defect of the nodal forces is corrected by a tangent.  Together with the stresses, the
-    springs at the displacement of the state plus the second result carry the forces.
-    """
-    discrete = state.discrete
-    floating = discrete.floating
-    moved = np.zeros_like(state.u)
-    z = stress_coordinates(*discrete.law.stress(state.at))
-    forces = state.internal_forces
-    for _ in range(1 if floating.centres else PASSES):
-        missing = discrete.supports.kept(load - forces)
-        allowed = BALANCED * np.abs(forces).max()
-        if np.abs(missing).max() <= allowed:
-            break
-        if tangent.moduli is None and not floating.centres:
-            strain = strain_nearby(state, missing, allowed)
-            if strain is not None:
-                change = state.moduli.stress(strain[:, 0], strain[:, 1:])
-                z = z + stress_coordinates(*change)
-                break
-        factorise(state, tangent)
-        if floating.centres:
-            change = without_weak_springs(discrete, tangent, missing)
-        else:
-            change = tangent.solve(missing)
-        moved = moved + change
-        z = z + stress_change(discrete, tangent, change)
-        forces = forces + tangent.multiply(change) - floating.springs * change
-    return z, moved
-
-
-def without_weak_springs(
-    discrete: DiscreteProblem, tangent: Factors, forces: np.ndarray
-) -> np.ndarray:
-    """Displacements that answer nodal forces (nodes, N), in balance on floating parts.
-
-    The weak springs that the tangent has on these parts are left out, by conjugate gradients, which
-    also converge where the springs are as stiff as a part that yields.  In the end what springs
-    still carry is given back to the body until only rounding errors are left.  Rigid motions of the
-    parts are arbitrary.
-    """
-    supports = discrete.supports
-    springs = discrete.floating.springs
-
-    def held(u: np.ndarray) -> np.ndarray:
-        """The forces of the tangent without the springs at displacements (nodes, N)."""
-        return supports.kept(tangent.multiply(u) - springs * u)
-
-    shape = 2 * (forces.size,)
-    K = LinearOperator(shape, matvec=lambda u: held(u.reshape(forces.shape)).ravel())
-    M = LinearOperator(
-        shape, matvec=lambda r: tangent.solve(r.reshape(forces.shape)).ravel()
-    )
-    wanted = supports.kept(forces)
-    found, _ = cg(K, wanted.ravel(), rtol=REDUCED, maxiter=FLOATING_STEPS, M=M)
-    found = found.reshape(forces.shape)
-    before = np.inf
-    for _ in range(SPRING_PASSES):
-        missing = wanted - held(found)
-        left = np.abs(missing).max(initial=0.0)
-        if left >= before:
-            break
-        before = left
-        found = found + tangent.solve(missing)
-    return found
-
-
-def spring_energy(discrete: DiscreteProblem, u: np.ndarray) -> float:
-    """The energy of the springs at displacements (nodes, N)."""
-    return 0.5 * float(np.vdot(u, discrete.supports.pull(u)))
-
-
-def stress_change(
-    discrete: DiscreteProblem, tangent: Factors, change: np.ndarray
-) -> np.ndarray:
-    """The change of stress (points, c) for a change of displacements (nodes, N)."""
-    return Displaced.of(discrete, change).stress_change(tangent)
-
-
 def feasible_state(bound_data: BoundData, given: State) -> tuple[State, float]:
     """The state without penetration of the obstacle, and the largest change of displacement.
 
@@ -389,33 +279,3 @@ def feasible_state(bound_data: BoundData, given: State) -> tuple[State, float]:
     if moved <= given.touching_distance:
         return given.with_radial_return(), moved
     return bound_data.discrete.state(u, contact=given.contact), moved
-
-
-def factorise(state: State, tangent: Factors) -> None:
-    """Factorise the tangent at the state, unless it has factors already."""
-    if tangent.moduli is None:
-        tangent.update(state.moduli)
-
-
-def strain_coordinates(state: State) -> np.ndarray:
-    """Coordinates (nt, c) of the strain of a state, whose product with stresses is sigma : eps.
-
-    In plane stress the in-plane trace is used in place of the trace.
-    """
-    volume = state.volume
-    if state.discrete.law.across is not None:
-        volume = 2 * volume / 3 + R6 / 3 * state.deviator[:, 1]
-    return stress_coordinates(volume, state.deviator, 0.0)
-
-
-def stress_coordinates(
-    mean: np.ndarray, deviator: np.ndarray, plane: float = 1.0
-) -> np.ndarray:
-    """Coordinates (nt, c) of ``Conjugate`` from the mean part and deviatoric coordinates.
-
-    In plane strain the in-plane trace takes ``plane`` times what sigma_zz differs from the mean.
-    """
-    if deviator.shape[1] != 3:
-        return np.concatenate([mean[:, None], deviator], axis=1)
-    first = mean + plane * deviator[:, 1] / R6
-    return np.stack([first, deviator[:, 0], deviator[:, 2]], axis=1)

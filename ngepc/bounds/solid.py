@@ -29,17 +29,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ngepc._deprecated import old_names
+from ngepc.bounds.balance import BALANCED, PASSES, factorise
+from ngepc.bounds.coordinates import Displaced, strain_coordinates
 from ngepc.bounds.data import (
-    BALANCED,
-    PASSES,
     AdjointStress,
     BestStress,
     BoundData,
-    Displaced,
     Effort,
-    factorise,
     feasible_state,
-    strain_coordinates,
 )
 from ngepc.bounds.faces import ELEMENT, Faces
 from ngepc.bounds.polynomials import RULE, TO_NODES

@@ -34,7 +34,7 @@ from collections.abc import Iterator
 import numpy as np
 from ngsolve import InnerProduct, Integrate, IntegrationRule
 
-from ngepc.bounds.data import spring_energy
+from ngepc.bounds.balance import spring_energy
 from ngepc.bounds.least_flow import least_flow
 from ngepc.bounds.mapped import SHAPES, MappedElements
 from ngepc.discretisation.law import Law, Return

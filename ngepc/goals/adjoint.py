@@ -16,13 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ngepc.bounds.data import (
-    AdjointStress,
-    BoundData,
-    Displaced,
-    factorise,
-    without_weak_springs,
-)
+from ngepc.bounds.balance import factorise, without_weak_springs
+from ngepc.bounds.coordinates import Displaced
+from ngepc.bounds.data import AdjointStress, BoundData
 from ngepc.bounds.held import RigidWorks, limited_pressure
 from ngepc.discretisation.conditions import dependent_forces
 from ngepc.discretisation.factors import Factors

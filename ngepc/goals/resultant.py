@@ -17,7 +17,8 @@ import math
 
 import numpy as np
 
-from ngepc.bounds.data import BoundData, spring_energy
+from ngepc.bounds.balance import spring_energy
+from ngepc.bounds.data import BoundData
 from ngepc.bounds.outcome import ErrorBound
 
 LEAST = 0.1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ngepc import error_bound, semismooth_newton
-from ngepc.bounds import data
+from ngepc.bounds import balance
 from ngepc.bounds.bound import clear_copy
 from ngepc.bounds.corners import pressure_on_copy
 from ngepc.model.support import rigid_motions
@@ -40,16 +40,16 @@ def test_stresses_around_the_contact_zone_need_no_factors(monkeypatch):
     """And the bound is that with a stress balanced in the whole body, within two percent."""
     result = semismooth_newton(bounded_example("lshape", "uniform", 3201))
     factors = []
-    original = data.factorise
+    original = balance.factorise
 
     def counted(state, tangent):
         factors.append(tangent)
         original(state, tangent)
 
-    monkeypatch.setattr(data, "factorise", counted)
+    monkeypatch.setattr(balance, "factorise", counted)
     bound = error_bound(result)
     assert not factors
-    monkeypatch.setattr(data, "strain_nearby", lambda *given: None)
+    monkeypatch.setattr(balance, "strain_nearby", lambda *given: None)
     whole = error_bound(result)
     assert len(factors) == 1
     assert bound.total == pytest.approx(whole.total, rel=0.02)

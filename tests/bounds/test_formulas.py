@@ -17,8 +17,8 @@ from ngepc import (
     semismooth_newton,
     write_receipt,
 )
+from ngepc.bounds.balance import BALANCED, balanced_stress
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.data import BALANCED, balanced_stress
 from ngepc.bounds.densities import AT_CORNERS, _means_by_flow
 from ngepc.bounds.of_state import bound_data_of
 from ngepc.bounds.oscillation import CarriedLoads

@@ -9,9 +9,10 @@ from ngsolve import x
 
 from ngepc import Material, Problem, Reaction, Swift, Tabulated, Voce, semismooth_newton
 from ngepc.bounds.airy import AirySpace, kept_entries
+from ngepc.bounds.balance import spring_energy
 from ngepc.bounds.bound import state_of
 from ngepc.bounds.conjugate import R6, Conjugate
-from ngepc.bounds.data import spring_energy, stress_coordinates
+from ngepc.bounds.coordinates import stress_coordinates
 from ngepc.bounds.levels import TwoLevels
 from ngepc.bounds.of_state import bound_data_of
 from ngepc.bounds.plane import strain_of
