@@ -64,6 +64,7 @@ A method may cover two features but not both at once. These pairs are refused, t
 
 - Plane stress, Hill's criterion and sub-elements have bounds on quadrilaterals if these are
   parallelograms and `order=1`. Hill's criterion and sub-elements have none on hexahedra.
+  `solve_to`, `verdict` and `evolve(error=...)` cut such elements into simplices first.
 - Bounds on hexahedra need flat faces, and `order=1` with friction. If an obstacle is not affine
   on faces (quadratic for order 2), the bound is one for a displacement that is moved clear of it.
 - Bounds of bodies of revolution need triangles, polynomial loads and supports of every part.

@@ -17,11 +17,13 @@ import numpy as np
 from ngsolve import VOL, ElementId, GridFunction, VectorH1
 
 from ngepc.bounds.contact import MIDDLE
-from ngepc.bounds.hexahedra import cut_into_tetrahedra
+from ngepc.bounds.coverage import check_data_inside, check_each_feature
+from ngepc.bounds.hexahedra import check_hexahedra, cut_into_tetrahedra
 from ngepc.bounds.quadrilaterals import CutMesh, cut_into_triangles
 from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.transfer import (
     check_carried,
+    check_free_of_functions,
     forces_of_rows,
     is_displacement,
     on_mesh,
@@ -97,6 +99,19 @@ def problem_on_simplices(problem: Problem) -> Problem:
     if not has_more_corners(problem.mesh):
         return problem
     return on_cut_mesh(problem, cut_into_simplices(problem))
+
+
+def check_on_simplices(problem: Problem) -> None:
+    """Refuse problems that no bound covers after elements are cut into simplices."""
+    if not has_more_corners(problem.mesh):
+        check_carried(problem)
+        return
+    check_each_feature(problem)
+    if problem.N == 3:
+        check_hexahedra(problem.mesh)
+    check_data_inside(problem)
+    check_free_of_functions(problem)
+    check_carried(problem_on_simplices(problem))
 
 
 def interpolant(given: np.ndarray, points: Points, cut_mesh: CutMesh) -> np.ndarray:

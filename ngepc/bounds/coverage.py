@@ -176,6 +176,11 @@ def check_covered(problem: Problem) -> None:
     """Refuse problems without a guaranteed bound with a ValueError that names the argument."""
     problem = in_components(problem)
     check_features(problem)
+    check_data_inside(problem)
+
+
+def check_data_inside(problem: Problem) -> None:
+    """Refuse data inside the body that vary on elements."""
     simplices = has_straight_simplices(problem.mesh)
     material = problem.material
     scalar, back = problem.alpha_0
@@ -216,12 +221,17 @@ def check_covered(problem: Problem) -> None:
             )
 
 
-def check_features(problem: Problem) -> None:
-    """Refuse features, and pairs of features, that no bound covers."""
+def check_each_feature(problem: Problem) -> None:
+    """Refuse features that no bound covers."""
     advice = "; error_indicators(result) estimates, without a guarantee"
     if has_straight_simplices(problem.mesh):
         advice = ""
     require_covered(problem, "a bound", COVERS, advice)
+
+
+def check_features(problem: Problem) -> None:
+    """Refuse features, and pairs of features, that no bound covers."""
+    check_each_feature(problem)
     if problem.kinematics.hoop:
         require_covered(problem, "a bound of a body of revolution", OF_REVOLUTION)
     if problem.N == 3:
@@ -240,6 +250,7 @@ def check_features(problem: Problem) -> None:
         if FEATURES[feature].found(problem) and not is_bilinear(problem):
             covers = COVERS - {"quadrilaterals", "hexahedra"}
             advice = ", or parallelograms and order=1" if problem.N == 2 else ""
+            advice += "; solve_to cuts elements into simplices first"
             require_covered(problem, what, covers, advice)
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from ngsolve import GridFunction
 
 from ngepc.bounds.bound import error_bound
-from ngepc.bounds.counterpart import problem_on_simplices
+from ngepc.bounds.counterpart import check_on_simplices, problem_on_simplices
 from ngepc.bounds.outcome import ErrorBound
-from ngepc.bounds.transfer import carried_function, check_carried, on_mesh
+from ngepc.bounds.transfer import carried_function, on_mesh
 from ngepc.checks.sentences import counted, in_words
 from ngepc.discretisation.spaces import displacement_space
 from ngepc.evolution.file import EvolutionFile
@@ -56,7 +56,7 @@ LONGEST = 2.0
 
 def check_refined(step: Problem) -> None:
     """Refuse a step whose bound is not known, or not that of the next one."""
-    check_carried(step)
+    check_on_simplices(step)
     for feature in CONSTANT:
         if FEATURES[feature].found(step):
             covers = COVERS - {"order 2", "quadrilaterals", "hexahedra"}

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ngepc.bounds.copies import with_matching
-from ngepc.bounds.counterpart import problem_on_simplices
+from ngepc.bounds.counterpart import check_on_simplices, problem_on_simplices
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.outcome import ErrorBound, thickened
 from ngepc.bounds.rollers import in_components
 from ngepc.bounds.thickness import is_of_thickness_one, with_other_thickness
-from ngepc.bounds.transfer import carried_state, check_carried, discrete_on, on_mesh
+from ngepc.bounds.transfer import carried_state, discrete_on, on_mesh
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_function, require_instance
 from ngepc.checks.sentences import in_words
@@ -103,7 +103,7 @@ def run_to(
     options = Refinement() if options is None else options
     require_instance("options", options, Refinement, "Refinement(...)")
     problem = in_components(problem)
-    check_carried(problem)
+    check_on_simplices(problem)
     if goal is not None:
         check_goal(goal, problem)
     if not is_of_thickness_one(problem):

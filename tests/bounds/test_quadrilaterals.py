@@ -35,7 +35,9 @@ from ngepc import (
     confidence,
     contact_force_bracket,
     error_bound,
+    evolve,
     goal_bound,
+    load_cycle,
     primal_newton,
     semismooth_newton,
     solve_to,
@@ -240,6 +242,25 @@ def test_other_laws_on_parallelograms(case):
         result = semismooth_newton(replace(problem, **changes))
         with pytest.raises(ValueError, match=r"quadrilaterals: .* or parallelograms"):
             error_bound(result)
+
+
+@pytest.mark.parametrize("case", ON_PARALLELOGRAMS)
+def test_other_laws_are_refined_on_any_quadrilaterals(case):
+    """Refinement is that of the triangles into which they are cut, of order two from the start."""
+    problem = plastic(distorted(3), 2, **ON_PARALLELOGRAMS[case])
+    cut = replace(problem, mesh=cut_into_triangles(problem.mesh).mesh)
+    runs = [solve_to(one, 0.03) for one in (problem, cut)]
+    assert all(run.reached and run.guaranteed for run in runs)
+    assert runs[0].bound.energy == pytest.approx(runs[1].bound.energy, rel=1e-12)
+    assert runs[0].bound.total == pytest.approx(runs[1].bound.total, rel=1e-9)
+
+
+def test_histories_in_plane_stress_are_refined_on_any_quadrilaterals():
+    problem = plastic(distorted(3), 2, kinematics="plane stress")
+    history = evolve(problem, load_cycle(problem, [0.5, 1.0]), error=0.06)
+    assert history.status.is_success
+    assert max(step.record.error_bound for step in history.steps) <= 0.06
+    assert all(step.record.guaranteed for step in history.steps)
 
 
 @BOTH
