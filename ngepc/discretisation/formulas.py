@@ -2,7 +2,7 @@
 
 NGSolve's archive gives the operands and the numbers of a coefficient exactly.  A coefficient whose
 parts are all known can be enclosed on boundary facets, with its first and second derivatives; what
-is not known by name is no formula.
+is not known by name is no formula.  Values of NGSolve at points check what was read.
 """
 
 from __future__ import annotations

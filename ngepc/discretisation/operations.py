@@ -1,7 +1,6 @@
 """The operations of formulas, and their enclosures by intervals on boundary facets.
 
-Each kind of operation has a rule for values, first and second derivatives.  Values of NGSolve at
-points check what was read.
+Each kind of operation has a rule for values, first and second derivatives.
 """
 
 from __future__ import annotations

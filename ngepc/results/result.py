@@ -111,8 +111,9 @@ class Result(Quantities, Ending):
 
     def _repr_html_(self) -> str:
         left = "style='text-align:left'"
+        name_style = "style='text-align:left;white-space:nowrap'"
         cells = "".join(
-            f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(text)}</td></tr>"
+            f"<tr><th {name_style}>{escape(name)}</th><td {left}>{escape(text)}</td></tr>"
             for name, text in self.summary().items()
         )
         return f"<table>{cells}</table>"

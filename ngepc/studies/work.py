@@ -196,12 +196,11 @@ class Work(ABC):
             *(f"| {' | '.join(row)} |" for row in escaped),
             "",
         ]
-        lines += [
-            *self.notes(records),
-            "",
-            *(f"- {k}: {v}" for k, v in made_with.items()),
-            "",
-        ]
+        pictures = self.draw(records)
+        lines += [*self.notes(records), ""]
+        for path in pictures:
+            lines += [f"![{self.title}: {path.stem}]({path.name})", ""]
+        lines += [*(f"- {k}: {v}" for k, v in made_with.items()), ""]
         flat = [_flat(record) for record in records]
         stream = io.StringIO()
         names = list(dict.fromkeys(name for row in flat for name in row))
@@ -212,10 +211,7 @@ class Work(ABC):
         texts = {"csv": stream.getvalue(), "md": "\n".join(lines), "json": data}
         for kind, text in texts.items():
             write_text(self.folder / f"{self.name}.{kind}", text)
-        return [
-            *(self.folder / f"{self.name}.{kind}" for kind in texts),
-            *self.draw(records),
-        ]
+        return [*(self.folder / f"{self.name}.{kind}" for kind in texts), *pictures]
 
 
 @dataclass(eq=False)

@@ -29,6 +29,7 @@ def finished(tmp_path_factory):
 def test_study_writes_table_and_figure(finished):
     table = (finished / "table1.md").read_text()
     assert "| 1e0 | 1 (1) |" in table
+    assert "](table1_steps.png)\n" in table
     cells = json.loads((finished / "table1.json").read_text())["cells"]
     assert [c["status"] for c in cells] == ["converged"] * len(ROWS)
     assert (finished / "table1_steps.png").stat().st_size > 5000
