@@ -36,6 +36,7 @@ MOVED = {
     "ngepc.bounds.setting.factorise": "ngepc.bounds.balance.factorise",
     "ngepc.bounds.setting.stress_coordinates": "ngepc.bounds.coordinates.stress_coordinates",
     "ngepc.bounds.solid.SolidSetting": "ngepc.bounds.solid.SolidBoundData",
+    "ngepc.bounds.transfer.bisected": "ngepc.bounds.copies.bisected",
     "ngepc.bounds.verdicts.Verdict": "ngepc.goals.verdicts.Verdict",
     "ngepc.bounds.verdicts.confidence": "ngepc.goals.confidence.confidence",
     "ngepc.bounds.verdicts.verdict": "ngepc.goals.verdicts.verdict",
@@ -43,6 +44,9 @@ MOVED = {
     "ngepc.discretisation.balance.Floating": "ngepc.discretisation.floating.Floating",
     "ngepc.discretisation.balance.Frame": "ngepc.discretisation.body.DiscreteBody",
     "ngepc.discretisation.law.VonMisesLaw": "ngepc.discretisation.von_mises_law.VonMisesLaw",
+    "ngepc.discretisation.stiffness.ElementStiffness": (
+        "ngepc.discretisation.element_stiffness.ElementStiffness"
+    ),
     "ngepc.dual.algorithm.note": "ngepc.dual.algorithm.record",
     "ngepc.dual.blocks.elastic_terms": "ngepc.dual.saddle.elastic_terms",
     "ngepc.dual.blocks.load_terms": "ngepc.dual.saddle.load_terms",
@@ -58,6 +62,7 @@ MOVED = {
     "ngepc.model.material.lame_parameters": "ngepc.model.tensile.lame_parameters",
     "ngepc.pictures.export.in_space": "ngepc.pictures.vtu.in_space",
     "ngepc.pictures.monitors.progress_line": "ngepc.results.progress.progress_line",
+    "ngepc.pictures.wording.flat_rows": "ngepc.pictures.rows.flat_rows",
     "ngepc.results.iteration.drowned": "ngepc.results.ending.limited_by_rounding",
     "ngepc.results.iteration.stuck": "ngepc.results.ending.no_descent",
     "ngepc.sensitivity.gradient.TangentResult": "ngepc.sensitivity.tangent.TangentResult",

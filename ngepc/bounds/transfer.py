@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 from ngsolve import CoefficientFunction, GridFunction, Mesh, VectorH1
 
+from ngepc._deprecated import old_names
 from ngepc.bounds.copies import with_matching
 from ngepc.bounds.coverage import check_covered, varies_inside
 from ngepc.bounds.displacements import carried_displacements, shares_in_parents
@@ -247,3 +248,6 @@ def on_matching(result: ExactResult) -> tuple[ExactResult, np.ndarray | None]:
     discrete = by_nodes(discrete_on(result, mesh, parents))
     state = carried_state(result, discrete, parents)
     return ExactResult(state, Status.STOPPED, "", History()), parents
+
+
+__getattr__ = old_names(__name__)

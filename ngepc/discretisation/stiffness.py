@@ -14,6 +14,7 @@ from ngsolve import CF, H1, BaseMatrix, BilinearForm, BitArray, Mesh, dx
 from ngsolve.la import SparseMatrixd
 from scipy.sparse import bsr_matrix, csr_matrix, tril
 
+from ngepc._deprecated import old_names
 from ngepc.discretisation.slanted import SlantedNodes
 from ngepc.linalg.direct import both_triangles, lower_triangle
 
@@ -181,3 +182,6 @@ def pattern_matrix(space: H1, elements: np.ndarray | None = None) -> BaseMatrix:
     chosen = None if elements is None else BitArray(elements.tolist())
     form += CF(0) * u * v * dx(definedonelements=chosen)
     return form.Assemble().mat
+
+
+__getattr__ = old_names(__name__)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from ngepc._deprecated import old_names
 from ngepc.checks.arguments import is_number, require_components, sample
 from ngepc.checks.sentences import counted
 from ngepc.model.hardening import HardeningLaw
@@ -199,3 +200,6 @@ def _contact(problem: Problem, units: UnitNames) -> Rows:
         bound = amount(friction, unit_of(units, "stress"))
         rows.append(row("friction", f"Tresca's law, bound {bound}"))
     return rows
+
+
+__getattr__ = old_names(__name__)

@@ -113,3 +113,14 @@ def test_names_that_are_missing_are_seen(code, there):
     found = list(taken(code))
     assert all(map(checked, found))
     assert list(map(is_there, found)) == there
+
+
+def test_pages_say_where_names_are():
+    """`ngepc.pictures.rows`, and '`flat_rows` from `ngepc.pictures.rows`', outside of code."""
+    said = re.compile(r"(?:`(\w+)` (?:from|in|of) )?`(ngepc(?:\.\w+)+)`")
+    old = {ROOT / "docs" / "versions.md", ROOT / "CHANGELOG.md"}
+    pages = {*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")} - old
+    found = [pair for page in pages for pair in said.findall(page.read_text("utf-8"))]
+    names = {".".join(filter(None, (module, name))) for name, module in found}
+    assert len(names) > 20
+    assert [n for n in sorted(names) if checked(n) and not is_there(n)] == []
