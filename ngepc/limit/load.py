@@ -172,6 +172,8 @@ class Search:
             if self.is_free and self.upper == 0:
                 return LimitStatus.FREE
             if self.last.overloaded:
+                if self.last.mechanism is None:  # a certificate without a number
+                    self.lower = self.upper = -math.inf
                 return LimitStatus.OVERLOADED
             if self.last.unlimited:
                 self.lower = self.upper = math.inf

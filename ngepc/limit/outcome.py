@@ -27,6 +27,11 @@ from ngepc.model.problem import Problem
 
 HARDENS = "Hardening is neglected: the strength is the yield stress of the material."
 
+NEGATIVE = (
+    "The factor is negative: the constant loads alone make the body collapse, and only growing "
+    "loads against their direction could hold it."
+)
+
 
 class LimitStatus(Enum):
     """How the search for a limit load ended; the value is the sentence for the user."""
@@ -139,7 +144,8 @@ class LimitLoad(Bracketed):
     growing
         The loads that grow, by name.
     lower, upper
-        The body carries the load factor ``lower``, and none above ``upper``; the factor multiplies
+        The body carries the load factor ``lower``, and none above ``upper``: both are infinite
+        where it carries each factor, minus infinity where it carries none.  The factor multiplies
         the growing loads.  If supports move, it is the power of their reactions: for a punch with
         the displacement (0, -1) its force.
     status
@@ -162,7 +168,10 @@ class LimitLoad(Bracketed):
     @property
     def message(self) -> str:
         """How the search ended, and what limit analysis neglects."""
-        return f"{self.status.value} {HARDENS}"
+        parts = [self.status.value, HARDENS]
+        if self.upper < 0 and self.status is not LimitStatus.OVERLOADED:
+            parts.insert(1, NEGATIVE)
+        return " ".join(parts)
 
     @cached_property
     def mechanism(self) -> GridFunction | None:

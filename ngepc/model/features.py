@@ -111,6 +111,12 @@ def _own_kinematics(problem: ProblemData) -> Found:
     return {} if known else {"kinematics": given.name}
 
 
+def _thickness(problem: ProblemData) -> Found:
+    """The thickness, if it is other than one."""
+    given = problem.thickness
+    return {} if given in (None, 1) else {"thickness": given}
+
+
 def _order(problem: ProblemData) -> Found:
     """The order of the displacements, if it is two."""
     return {"order": problem.order} if problem.order > 1 else {}
@@ -211,9 +217,7 @@ FEATURES = {
     "axisymmetric": _feature("a plane problem or a solid", _kinematics, "axisymmetric"),
     "solid": _feature("a plane problem", _kinematics, "solid"),
     "other kinematics": _feature("a kinematics of ngepc", _own_kinematics),
-    "thickness": _feature(
-        "thickness=None, a body of thickness 1", _present, "thickness"
-    ),
+    "thickness": _feature("thickness=None, a body of thickness 1", _thickness),
     "order 2": _feature("displacements of order 1 (order=1)", _order),
     "quadrilaterals": _feature("triangles only", _quadrilaterals),
     "hexahedra": _feature("tetrahedra only", _solid_shape, "hexahedra", 8),

@@ -306,8 +306,30 @@ def test_constant_loads_that_are_too_large_are_named_on_the_first_mesh(force):
     assert not found.status.is_success
     assert len(found.records) == 1
     assert found.lower == -math.inf
+    assert found.upper < 0
+    assert (found.upper == -math.inf) == (found.mechanism is None)
     for nothing in (found.stress, found.indicators):
         assert nothing is None
+
+
+def test_a_negative_limit_load_is_said():
+    """Pressed with 15 across, the square needs a pressure of 15 - 20/3^(1/2) along."""
+    loads = {"contact": (0, 1.0), "right": (-15.0, 0)}
+    found = limit_load(square(traction=loads), growing=["contact"])
+    assert found.status is LimitStatus.REACHED
+    assert found.lower <= 20 / math.sqrt(3) - 15 <= found.upper < 0
+    assert "constant loads alone make the body collapse" in found.message
+    carried = limit_load(square(traction=loads), growing=["right"])
+    assert carried.lower > 0
+    assert "collapse" not in carried.message
+
+
+def test_a_thickness_of_one_is_none():
+    problem = square(traction={"contact": (1.0, 0)})
+    limits = [limit_load(replace(problem, thickness=t), 0.1) for t in (None, 1, 1.0)]
+    assert len({(limit.lower, limit.upper) for limit in limits}) == 1
+    with pytest.raises(ValueError, match=r"thickness=2\.0: a limit load needs"):
+        limit_load(replace(problem, thickness=2.0))
 
 
 def test_constant_loads_for_which_no_stress_is_found():
