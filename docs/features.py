@@ -75,7 +75,7 @@ A method may cover two features but not both at once. These pairs are refused, t
 - `evolve(error=...)` with Hill's criterion or sub-elements needs triangles or tetrahedra and
   `order=1`. Quadrilaterals and hexahedra are cut into these, with displacements of order 2.
 - Goals with Hill's criterion need kinematic hardening alone: no isotropic hardening, law or rate.
-- Receipts of rollers are for those along an axis, and in three dimensions for `order=1`. They need
+- Receipts of rollers are for those along an axis. They need
   obstacles that are affine on each facet of the contact boundary, and supports that hold each
   component on a side of the boundary across it, or all components on some side.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 from ngsolve import ET, IntegrationRule
@@ -18,14 +19,19 @@ from ngepc.bounds.simplices import FACETS
 NODES = {9: 3, 16: 4, 18: 6}  # nodes of each part by those of a cell
 
 
+EDGES = {3: FACETS[2], 4: list(combinations(range(4), 2))[::-1]}
+"""The vertices of the coefficients that follow those of the vertices of a simplex."""
+
+
 def quadratics(shares: np.ndarray, others: np.ndarray | None = None) -> np.ndarray:
-    """Bernstein's polynomials of degree two at barycentric points (q, 3), shape (q, 6).
+    """Bernstein's polynomials of degree two at barycentric points (q, 3 or 4), (q, 6 or 10).
 
     With ``others``: their polar forms, which are symmetric and affine in either point.
     """
     others = shares if others is None else others
     mixed = [
-        shares[:, i] * others[:, j] + shares[:, j] * others[:, i] for i, j in FACETS[2]
+        shares[:, i] * others[:, j] + shares[:, j] * others[:, i]
+        for i, j in EDGES[shares.shape[1]]
     ]
     return np.concatenate([shares * others, np.stack(mixed, axis=1)], axis=1)
 

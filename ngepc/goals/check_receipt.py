@@ -33,11 +33,15 @@ BASIS[[4, 5, 6], [0, 0, 1], [1, 2, 2]] = BASIS[[4, 5, 6], [1, 2, 2], [0, 0, 1]] 
 BASIS /= np.sqrt((BASIS**2).sum(axis=(1, 2), keepdims=True))
 LAWS = {"two-dimensional": [0, 2, 4], "plane strain": [1, 2, 4, 3]}
 LAWS["solid"] = [1, 2, 4, 3, 5, 6]
-BETWEEN = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # coefficient of two vertices
 MEANS = {k: (1 + np.eye(k)) / (k * (k + 1)) for k in (1, 2, 3, 4)}  # of products
-MEANS[6] = np.kron([[1, 3], [3, 2]], np.ones((3, 3))) / 90
-MEANS[6] += np.kron([[5, -2], [-2, 2]], np.eye(3)) / 90
-CURVED = np.array([[6, 1, 3], [1, 6, 3], [3, 3, 4]]) / 30  # on an edge
+BETWEEN = {(1, n): np.arange(n)[:, None] for n in (3, 4)}  # coefficients of a vertex
+PAIRS = {}  # the vertices of coefficients of quadratics
+for n in (2, 3, 4):
+    i, j = PAIRS[n] = np.hstack([[range(n)] * 2, np.flip(np.triu_indices(n, 1), 1)])
+    A = np.eye(n)[i] + np.eye(n)[j]
+    BETWEEN[2, n] = (A.T[:, None] * A.T).argmax(axis=2)
+    MEANS[2, n] = 4 * (1 + A @ A.T + np.eye(len(A))) / math.perm(n + 3, 4)
+MEANS |= {6: MEANS[2, 3], 10: MEANS[2, 4]}
 
 
 def need(condition: object, message: str) -> None:
@@ -89,8 +93,7 @@ def supremum(y: ndarray, w: ndarray, r: ndarray, H: ndarray, beta: ndarray) -> n
     spare = (r == 0) * np.maximum(2 * beta - np.sqrt((y**2).sum(axis=1)).max(axis=0), 0)
     less = np.maximum(over**2 - b * spare**2, 0.0).mean(axis=0)
     square = np.minimum(inner(excess, excess), less) + (short**2).mean(axis=0)
-    sizes = np.sqrt(einsum("kcK,kcK->kK", z, z))
-    upper = np.minimum(np.sqrt(inner(z, z)), sizes.mean(axis=0))
+    upper = np.minimum(np.sqrt(inner(z, z)), np.sqrt((z**2).sum(axis=1)).mean(axis=0))
     return inner(D, D - 2 * y) / 4 + upper - r * (W - b * r) + square / (4 * b)
 
 
@@ -100,8 +103,7 @@ def arrays_in(words: ndarray, header: dict) -> dict:
     P, K, B = header["sizes"]
     N = 3 if c == 6 else 2
     L = 2 if "goal" in header else 1
-    k = header["order"] * (N + 1)
-    t = header["order"] + N - 1
+    k, t = (math.comb(n + header["order"], n) for n in (N, N - 1))
     shapes = {
         "points": (N, P), "cells": (k, K), "other": (N + 1, K), "u": (L, N, P),
         "stress": (L, k, c, K), "law": (2 + 2 * c, K), "body_force": (L, N, K),
@@ -120,17 +122,15 @@ class Body:
     """A body of K simplices: the last axis of arrays, or that of B sides of the boundary."""
 
     def __init__(self, words: ndarray, header: dict) -> None:
-        vars(self).update(arrays_in(words, header))
+        vars(self).update(arrays_in(words, header), degree=header["order"])
         self.L, self.N, self.K = self.body_force.shape
-        self.degree = header["order"]
         self.cells = np.abs(self.cells).astype(int)
         self.other = self.other.astype(int).ravel()
         self.bulk, self.mu, self.hardening, self.beta = self.law[:4]
         need(self.law[:4] > 1 / LARGEST, "law: a modulus is not positive")
         self.soft = 1 / (1 / (2 * self.mu) + 1 / self.hardening)
-        v = np.arange(self.N + 1)
-        self.between = BETWEEN if self.degree == 2 else v[:, None]
-        self.on_side = [[*v[v != i], i + len(v)][: self.gap.shape[1]] for i in v]
+        self.between = BETWEEN[self.degree, self.N + 1]
+        self.on_side = [np.setdiff1d(range(len(self.cells)), k) for k in self.between]
         self.measure(BASIS[LAWS[header["kinematics"]], : self.N, : self.N])
         self.balance()
         self.displace()
@@ -209,11 +209,11 @@ class Body:
         room = self.gap - einsum("LxtB,xB->LtB", u, self.normal)
         near = 3 * self.wrong.max() * (np.abs(u).sum((0, 1)) + np.abs(self.gap).sum(0))
         least = room[0] - np.abs(room[1:]).sum(axis=0) - near
-        least[self.N :] += (1 - EPS) * np.sqrt(np.abs(least[0] * least[1]))
+        least[2 : 6 // self.N] += (1 - EPS) * np.sqrt(np.abs(least[0] * least[1]))
         need(least >= 0, "u: inside the obstacle, or the adjoint wrong there")
         P = self.pressure[0] - np.abs(self.pressure[1:]).sum(axis=0)
         need(P >= 0, "pressure: negative, or too large beside another")
-        M = (CURVED if self.degree == 2 else MEANS[self.N])[..., None] * self.outer
+        M = MEANS[(2, self.N) if self.degree == 2 else self.N][..., None] * self.outer
         self.opened = einsum("stB,LsB,tB->LB", M, self.pressure, room[0] + near)
         pulled = einsum("stB,GxsB,HxtB->GHB", M, self.traction, u)
         done = self.volume * einsum("GxK,HxK->GHK", self.body_force, local.mean(axis=2))
@@ -237,7 +237,7 @@ class Body:
         """Those of J(u), of what it exceeds J(v) by, and of the ends of a goal, by cells."""
         stress, trial, moduli, law = (part[..., cells] for part in self.parts)
         if self.degree == 2:  # as quadratics
-            trial = (trial[:, [0, 1, 2, 1, 0, 0]] + trial[:, [0, 1, 2, 2, 2, 1]]) / 2
+            trial = trial[:, PAIRS[self.N + 1]].mean(axis=1)
         mu, h, beta = law[1:4]
         start, back = np.split(law[4:], 2)
         s = trial[0, :, 1:] - back

@@ -2,7 +2,7 @@
 
 The file contains mesh, data, displacement, stress and contact pressure in the form that
 ``check_receipt`` reads: fields are given by Bernstein coefficients, first those of the vertices,
-then those of the edges opposite to them.  Its cells are the N + 1 parts of the cells of the mesh,
+then those of the edges.  Its cells are the N + 1 parts of the cells of the mesh,
 on which the stress of the error bound is a polynomial.
 """
 
@@ -45,7 +45,7 @@ from ngepc.goals.receipt_file import (
     proved_intervals,
     with_hints,
 )
-from ngepc.goals.receipt_mesh import FileCells, Pieces
+from ngepc.goals.receipt_mesh import FileCells, Pieces, as_quadratic
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.result import ExactResult
 from ngepc.local.system import State
@@ -280,8 +280,6 @@ def factor_and_distance(
 def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
     """Refuse problems without a receipt with a ValueError that names the argument."""
     law = bound_data.discrete.law
-    if bound_data.lower is not None:
-        raise ValueError("order=2: a receipt in three dimensions needs order=1")
     if not bound.guaranteed:
         raise ValueError(f"result: a receipt needs a proved bound. {bound.message}")
     if bound_data.carried.left.any():
@@ -289,10 +287,10 @@ def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
             "body_force, traction: a receipt needs a body force that is constant on "
             "elements and tractions that are affine"
         )
-    gap = np.abs(bound_data.boundary.gap) * bound_data.contact.measure[:, None]
-    if np.abs(bound_data.boundary.excess).max(initial=0.0) > CONSTANT * gap.max(
-        initial=0
-    ):
+    gap, bent = np.split(bound_data.boundary.gap, [bound_data.cells.N], axis=1)
+    excess = bound_data.boundary.excess / bound_data.contact.measure[:, None]
+    curved = max(np.abs(excess).max(initial=0.0), np.abs(bent).max(initial=0.0))
+    if curved > CONSTANT * np.abs(gap).max(initial=0.0):
         raise ValueError("gap: a receipt needs an obstacle that is affine on facets")
     for name, values in (
         ("initial_hardening", law.back),
@@ -368,14 +366,15 @@ def clear_state(
     moves = np.einsum("eac,eac->ea", normal, normal) > LEVEL
     held = np.abs(state.u) + (0.0 if motion is None else np.abs(motion))
     held_u = held[contact.nodes[:, :N]].max(axis=2)
-    at_rest = (held_u == 0) & (contact.boundary.gap == 0)
+    at_rest = (held_u == 0) & (contact.boundary.gap[:, :N] == 0)
     if (~moves & ~at_rest & (contact.slack(state.u)[:, :N] < clearance)).any():
         raise ValueError(
             f"contact={in_words(bound_data.problem.contact)}: a receipt needs an open gap where "
             "supports hold vertices of the boundary at displacements that are not zero, "
             "or are those of the reaction"
         )
-    contact.boundary.gap = contact.boundary.gap - clearance * moves
+    contact.boundary.gap = contact.boundary.gap.copy()
+    contact.boundary.gap[:, :N] -= clearance * moves
     return contact.cleared(state.u)
 
 
@@ -397,7 +396,7 @@ class FileOf:
         boundary = self.bound_data.boundary
         c = self.bound_data.cells
         gap = np.full((len(c.facets), c.N), NO_OBSTACLE)
-        gap[boundary.contact] = boundary.gap
+        gap[boundary.contact] = boundary.gap[:, : c.N]
         pressure = np.zeros((len(c.facets), c.N))
         pressure[boundary.contact] = bound.pressure
         arrays = {
@@ -412,11 +411,7 @@ class FileOf:
         c = self.bound_data.cells
         local = u[c.nodes]
         if self.bound_data.problem.order == 2:
-            local = np.hstack([local, np.zeros_like(local)])
-            nodes = self.bound_data.discrete.points.blocks[0].nodes
-            for k, (i, j) in enumerate(EDGES[2]):
-                bubble = BUBBLE / 2 * u[nodes[:, 3 + k]]
-                local[:, 6 - i - j] = (local[:, i] + local[:, j]) / 2 + bubble
+            local = self._with_edges(as_quadratic(local), u)
         found = self.cells.displacement(local)
         ends = self.cells.ends()
         held = np.repeat(self.supports()["held"][:, None], ends.shape[1], axis=1)
@@ -424,6 +419,20 @@ class FileOf:
         on_sides = self.cells.on_facets(given[c.facets])
         found[ends[side, place], component] = on_sides[held]
         return found
+
+    def _with_edges(self, local: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Coefficients (cells of the mesh, k, N) plus those of NGSolve's edge functions."""
+        c = self.bound_data.cells
+        v = c.N + 1
+        rows = np.arange(len(local))
+        vertices, edges = np.split(
+            self.bound_data.discrete.points.blocks[0].nodes, [v], axis=1
+        )
+        place = (vertices[:, :, None] == c.nodes[:, None]).argmax(axis=2)
+        for edge, (i, j) in zip(edges.T, EDGES[c.N], strict=True):
+            between = check_receipt.BETWEEN[2, v][place[:, i], place[:, j]]
+            local[rows, between] += BUBBLE / 2 * u[edge]
+        return local
 
     def stress(self, stress: np.ndarray) -> np.ndarray:
         """Coefficients (cells, k, c) of stresses at nodes of parts, mean and deviator."""

@@ -137,7 +137,7 @@ def trial_stress(r: check_receipt.Body) -> np.ndarray:
     """The trial stresses (L, k, c, K) with the coefficients of stresses."""
     if r.degree == 1:
         return r.trial
-    return (r.trial[:, [0, 1, 2, 1, 0, 0]] + r.trial[:, [0, 1, 2, 2, 2, 1]]) / 2
+    return r.trial[:, check_receipt.PAIRS[r.N + 1]].mean(axis=1)
 
 
 def mean_squared_excess(field: np.ndarray, beta: np.ndarray) -> np.ndarray:
@@ -152,11 +152,13 @@ def at_rule_points(field: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarr
     k = len(field)
     if k == 1:
         return field, np.ones(1)
-    rule = IntegrationRule(ET.TET if k == 4 else ET.TRIG, degree)
+    solid = k in (4, 10)
+    rule = IntegrationRule(ET.TET if solid else ET.TRIG, degree)
     weights = np.array(rule.weights) / sum(rule.weights)
-    inside = np.array(rule.points)[:, : 3 if k == 4 else 2]
-    shares = np.column_stack([inside, 1 - inside.sum(axis=1)])
-    table = quadratics(shares) if k == 6 else shares
+    inside = np.array(rule.points)[:, : 3 if solid else 2]
+    table = np.column_stack([inside, 1 - inside.sum(axis=1)])
+    if k > table.shape[1]:
+        table = quadratics(table)
     return np.einsum("qk,kcK->qcK", table, field), weights
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ngepc.bounds.polynomials import quadratics
 from ngepc.bounds.simplices import FACETS, Simplices
+from ngepc.goals.check_receipt import BETWEEN, PAIRS
 
 
 class Pieces:
@@ -96,9 +97,9 @@ class Pieces:
 class FileCells:
     """The cells of a file, with ascending vertices, and what they are of the mesh.
 
-    ``cells`` (cells, k) are the vertices, and for order two the nodes on the edges opposite to
-    them; ``points`` are their positions.  ``other`` (N + 1, cells) are the places (side, cell)
-    beyond sides, and ``out`` those of the boundary.
+    ``cells`` (cells, k) are the vertices, and for order two the nodes on the edges between the
+    ``PAIRS`` of vertices; ``points`` are their positions.  ``other`` (N + 1, cells) are the places
+    (side, cell) beyond sides, and ``out`` those of the boundary.
     """
 
     def __init__(self, pieces: Pieces) -> None:
@@ -113,13 +114,21 @@ class FileCells:
         order = sides.nodes.argsort(axis=1)
         number = np.take_along_axis(sides.facet_of, order, axis=1)
         if self.order == 2:
-            self.cells = np.hstack([self.cells, len(self.points) + number])
-            middles = self.points[sides.facets].mean(axis=1)
-            self.points = np.concatenate([self.points, middles])
+            self._add_edges()
         self._join(number.T.ravel())
         side, self._owner = np.divmod(self.out, len(self.cells))
         self._kept = np.array([np.delete(np.arange(v), i) for i in range(v)])[side]
         self._side = side
+
+    def _add_edges(self) -> None:
+        """Nodes in the middle of all edges, with numbers after those of the vertices."""
+        v = self.N + 1
+        edges = self.cells[:, PAIRS[v][:, v:].T]
+        count = len(self.points)
+        keys, number = np.unique(edges @ [count, 1], return_inverse=True)
+        self.cells = np.hstack([self.cells, count + number.reshape(edges.shape[:2])])
+        middles = self.points[np.transpose(np.divmod(keys, count))].mean(axis=1)
+        self.points = np.concatenate([self.points, middles])
 
     def _join(self, number: np.ndarray) -> None:
         """The places beyond sides, and those of the boundary, by the numbers of sides."""
@@ -145,20 +154,20 @@ class FileCells:
         place = self.mesh.place.reshape(-1, self.N)[self.part[self._owner]]
         local = self.of_facets(values)[np.arange(len(place))[:, None], place]
         at = np.einsum("bvi,bi...->bv...", shares, local)
-        if self.order == 1:
-            return at
-        return np.concatenate([at, (at[:, :1] + at[:, 1:]) / 2], axis=1)
+        return at if self.order == 1 else as_quadratic(at)
 
     def ends(self) -> np.ndarray:
         """The nodes of the sides of the boundary, (sides, t)."""
-        kept = self._kept
-        if self.order == 2:
-            kept = np.column_stack([kept, self.N + 1 + self._side])
-        return self.cells[self._owner[:, None], kept]
+        every = np.arange(self.cells.shape[1])
+        around = BETWEEN[self.order, self.N + 1]
+        kept = np.array([np.setdiff1d(every, row) for row in around])
+        return self.cells[self._owner[:, None], kept[self._side]]
 
     def stress(self, c: np.ndarray) -> np.ndarray:
         """Coefficients (cells, k, .) of polynomials with coefficients on parts (parts, k, .)."""
-        return polar(self._shares, c[self.part])
+        found = polar(self._shares, c[self.part])
+        affine = found.shape[1] == self.N + 1
+        return as_quadratic(found) if self.order == 2 and affine else found
 
     def displacement(self, local: np.ndarray) -> np.ndarray:
         """Coefficients at the nodes of a displacement with those of the cells of the mesh."""
@@ -172,14 +181,17 @@ class FileCells:
         return u
 
 
+def as_quadratic(affine: np.ndarray) -> np.ndarray:
+    """Coefficients (n, k, .) of affine functions (n, v, .) as quadratic ones."""
+    i, j = PAIRS[affine.shape[1]]
+    return (affine[:, i] + affine[:, j]) / 2
+
+
 def polar(shares: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Coefficients (pieces, k, .) on pieces with these vertices of polynomials on simplices."""
     v = shares.shape[1]
     if c.shape[1] == v:
         return shares @ c
-    flat = shares.reshape(-1, v)
-    at = quadratics(flat).reshape(*shares.shape[:2], -1)
-    first, second = np.array(FACETS[2]).T
-    ends = shares[:, first].reshape(-1, v), shares[:, second].reshape(-1, v)
-    between = quadratics(*ends).reshape(*shares.shape[:2], -1)
-    return np.concatenate([at, between], axis=1) @ c
+    ends = shares[:, PAIRS[v]]
+    first, second = ends.swapaxes(0, 1).reshape(2, -1, v)
+    return quadratics(first, second).reshape(len(shares), -1, c.shape[1]) @ c

@@ -24,7 +24,7 @@ from ngepc.goals.receipt import NO_OBSTACLE
 from ngepc.goals.receipt_file import packed
 from ngepc.studies.work import Work
 
-ENERGIES = ("order 1", "order 2", "solid")
+ENERGIES = ("order 1", "order 2", "solid", "order 2, solid")
 GOALS = tuple(f"goal, {kind}" for kind in ENERGIES)
 KINDS = ENERGIES + GOALS
 CHANGES = ("a little", "much", "sign", "zero", "swapped", "claim")
@@ -47,9 +47,21 @@ def bernstein(shares, k):
         return np.ones((len(shares), 1))
     if k == count:
         return shares
-    pairs = [(1, 2), (0, 2), (0, 1)] if count == 3 else [(0, 1)]
-    mixed = [2 * shares[:, i] * shares[:, j] for i, j in pairs]
+    mixed = [2 * shares[:, i] * shares[:, j] for i, j in edges_of(count)]
     return np.column_stack([shares**2, *mixed])
+
+
+def edges_of(count):
+    """The vertices at the ends of the edges of a simplex with so many vertices, the last first."""
+    return list(combinations(range(count), 2))[::-1]
+
+
+def between(count):
+    """The places of the coefficients of two vertices, (vertices, vertices)."""
+    found = np.diag(np.arange(count))
+    for number, (i, j) in enumerate(edges_of(count), start=count):
+        found[i, j] = found[j, i] = number
+    return found
 
 
 def rule(N, degree=20):
@@ -116,20 +128,30 @@ class Judge:
         return self._not_conditioned(sides, rows)
 
     def _torn(self, sides):
-        """Whether two cells have different nodes on the edge between them."""
-        middle = self.a["cells"][:, self.N + 1 :].tolist()
-        if not middle[0]:
-            return False
+        """Whether two cells have different nodes on the side between them."""
         return any(
-            len({middle[cell][k] for cell, k in at}) > 1 for at in sides.values()
+            len({tuple(self._nodes(cell, key)) for cell, _ in at}) > 1
+            for key, at in sides.items()
         )
+
+    def _places(self, cell, key, coefficients):
+        """The places of the coefficients of a side with ascending vertices in those of a cell."""
+        corners = self.a["cells"][cell, : self.N + 1].tolist()
+        places = [corners.index(v) for v in key]
+        if coefficients == len(corners):
+            return places
+        table = between(len(corners))
+        ends = edges_of(len(key))
+        return places + [int(table[places[i], places[j]]) for i, j in ends]
+
+    def _nodes(self, cell, key):
+        """The nodes of a side."""
+        nodes = self.a["cells"][cell]
+        return nodes[self._places(cell, key, len(nodes))].tolist()
 
     def _tractions(self, S, cell, k, key):
         """S n times the size of a side at its coefficients, by ascending vertices."""
-        corners = self.a["cells"][cell, : self.N + 1].tolist()
-        places = [corners.index(v) for v in key]
-        if S.shape[1] > self.N + 1:
-            places.append(self.N + 1 + k)
+        places = self._places(cell, key, S.shape[1])
         area = -self.N * self.volume[cell] * self.slopes[cell, k]
         return S[cell, places] @ area, area
 
@@ -140,7 +162,7 @@ class Judge:
         table = np.arange(self.N + 1)[None]
         degree = 1
         if S.shape[1] > self.N + 1:
-            table = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+            table = between(self.N + 1)
             degree = 2
         div = degree * np.einsum("kviab,kib->kva", S[:, table], self.slopes)
         size = self.volume ** (1 / self.N)
@@ -167,10 +189,8 @@ class Judge:
     def _on_side(self, values, sides, key):
         """Coefficients of a displacement on a side, and its outer normal times its size."""
         cell, k = sides[key][0]
-        nodes = list(key)
-        if self.a["cells"].shape[1] > self.N + 1:
-            nodes.append(int(self.a["cells"][cell, self.N + 1 + k]))
-        return values[nodes], -self.N * self.volume[cell] * self.slopes[cell, k]
+        area = -self.N * self.volume[cell] * self.slopes[cell, k]
+        return values[self._nodes(cell, key)], area
 
     def _not_supported(self, sides, rows):
         a = self.a
@@ -237,7 +257,7 @@ class Judge:
         N = self.N
         du = np.einsum("kia,kib->kab", local[:, : N + 1], self.slopes)[:, None]
         if local.shape[1] > N + 1:
-            table = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+            table = between(N + 1)
             du = 2 * np.einsum("kvia,kib->kvab", local[:, table], self.slopes)
         eps = np.zeros((*du.shape[:2], self.n, self.n))
         eps[..., :N, :N] = (du + du.swapaxes(2, 3)) / 2
@@ -339,7 +359,7 @@ class Judge:
         local = a["u"][a["cells"]]
         du = np.einsum("kia,kib->kab", local[:, : N + 1], self.slopes)[:, None]
         if local.shape[1] > N + 1:
-            table = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+            table = between(N + 1)
             du = 2 * np.einsum("kvia,kib->kvab", local[:, table], self.slopes)
         eps = np.zeros((*du.shape[:2], n, n))
         eps[..., :N, :N] = (du + du.swapaxes(2, 3)) / 2
@@ -385,7 +405,6 @@ class Judge:
         return float(upper), float(lower - self.measure @ (pressed @ weights))
 
 
-BETWEEN = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 ADJOINT = {
     "u": "z",
     "stress": "tau",

@@ -29,6 +29,7 @@ CASES = {
     "rolling": (2, 1, ROLLING),
     "rolling, order 2": (2, 2, ROLLING),
     "cube": (3, 1, CUBE),
+    "cube, order 2": (3, 2, CUBE),
 }
 
 
@@ -275,3 +276,19 @@ def test_residuals_of_a_polynomial_stress(order, tmp_path):
     )
     assert within.sum() > 3  # the stress has no jumps: all forces are of the divergence
     np.testing.assert_allclose(r.force[:, within], expected[:, within], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("angle", "holds"), [(30.0, True), (36.0, True), (37.5, False)]
+)
+def test_rollers_hold_across_their_side_only(angle, holds, tmp_path):
+    """A force on a slanted roller may have a part that the roller does not hold."""
+    path = tmp_path / "receipt.npz"
+    problem = Problem(block.mesh(0.5, (1.0, 0.7)), MATERIAL, order=1, **ROLLING)
+    write_receipt(semismooth_newton(problem), path)
+    arrays, header = opened(path)
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    turned = np.array([[c, -s], [s, c]]) @ arrays["points"]
+    r = check_receipt.Body(packed(arrays | {"points": turned}), header)
+    assert arrays["held"].any()
+    np.testing.assert_array_equal(r.holds, (arrays["held"] != 0) & holds)

@@ -400,6 +400,51 @@ def test_no_displacement_or_stress_proves_something_false(seed):
         assert body.is_inside(body.proved(arrays | other, header))
 
 
+class Touching(Rectangle):
+    """The same with an obstacle at the side x = L, which the solution touches with a pressure P.
+
+    The adjoint does not move there along the normal, and has the pressure q = ``part`` P.
+    """
+
+    def __init__(self, random, part):
+        self.part = part
+        super().__init__(random)
+        A, C = fractions(random, (2, 2, 2), 8)
+        C[0] = 0
+        self.P = abs(self.stress(A)[0, 0]) + 1
+        self.strained(A, C)
+        length, height = self.size * 3
+        pushed = A[0, 0] * length * height + A[0, 1] * height**2 / 2
+        self.energy -= self.P * pushed
+        self.goal += self.part * self.P * pushed
+
+    def touching(self, factor, distance):
+        """Arrays and header; the body keeps ``distance`` times x from where it is."""
+        arrays, header = self.file(factor)
+        r = check_receipt.Body(packed(arrays), header)
+        right = (r.normal[0] > 0.5) & (r.held[0] == 0)
+        u = np.einsum("xtB,xB->tB", r.u[0].take(r.ends, axis=1), r.normal)
+        arrays["gap"][0] = np.where(right, u, arrays["gap"][0])
+        arrays["u"][0, 0] -= distance * arrays["points"][0]
+        P = float(self.P)
+        pressures = np.array([P, float(self.part) * P / factor])
+        arrays["pressure"] = pressures[:, None, None] * right * np.ones((2, 2, 1))
+        arrays["traction"][:, 0] += arrays["pressure"]
+        return arrays, header
+
+
+@pytest.mark.parametrize("part", [-1, -0.75, 0.75, 1])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_body_that_keeps_away_from_its_obstacle(seed, part):
+    """J(u) - J(v) is half a square and P times the distance: nothing can be left out."""
+    body = Touching(np.random.default_rng(seed), Fraction(part))
+    for factor, distance in ((1.0, 2.0**-8), (2.0, 2.0**-8), (1.0, 2.0**-12)):
+        found = body.proved(*body.touching(factor, distance))
+        assert body.is_inside(found)
+        error = found["upper"] - float(body.energy)
+        assert found["upper"] - found["lower"] <= error * (1 + 1e-3)
+
+
 def missed_equilibrium(r):
     """Least b with |R(w)| <= b (int M |eps(w)|^2)^(1/2) for the w of the mesh, of both layers."""
     P = r.points.shape[1]
