@@ -200,9 +200,14 @@ def _prescribed(problem: ProblemData, name: str, place: Place, given: object) ->
 
 def check_contact(problem: ProblemData) -> None:
     """Contact pairs have two boundaries; a rigid obstacle has a finite gap, and only it has one."""
+    check_contact_pairs(problem)
+    check_obstacles(problem)
+
+
+def check_contact_pairs(problem: ProblemData) -> None:
+    """The two boundaries of a pair are different, meet no obstacle, and share no nodes."""
     mesh = problem.mesh
     names = problem.contact_names
-    given = problem.gap
     met: set[frozenset[str]] = set()
     for pair in problem.contact_pairs:
         one, two = (
@@ -221,6 +226,12 @@ def check_contact(problem: ProblemData) -> None:
                 f"contact={in_words(pair)}: another pair has these boundaries, name them once"
             )
         met |= both
+
+
+def check_obstacles(problem: ProblemData) -> None:
+    """Boundaries that may touch an obstacle, and no others, have a finite gap."""
+    names = problem.contact_names
+    given = problem.gap
     if names and given is None:
         raise ValueError(
             f"contact={in_words(problem.contact)} needs a gap to rigid obstacles: a number or a "
@@ -242,7 +253,7 @@ def check_contact(problem: ProblemData) -> None:
         if hasattr(gap, "gap"):
             needed = "the gap to this obstacle is needed, obstacle.gap(mesh)"
             raise TypeError(f"{argument}={in_words(gap)}: {needed}")
-        require_field(argument, gap, mesh, [name], corners=True)
+        require_field(argument, gap, problem.mesh, [name], corners=True)
 
 
 def check_friction(problem: ProblemData) -> None:
