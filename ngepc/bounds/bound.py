@@ -35,6 +35,7 @@ from ngepc.bounds.sizes import check_sizes
 from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
 from ngepc.bounds.transfer import check_free_of_functions
 from ngepc.bounds.upper_energy import changes
+from ngepc.checks.kinds import hint_at_part
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.factors import Factors
 from ngepc.discretisation.spaces import nodal
@@ -91,9 +92,12 @@ def error_bound(result: object) -> ErrorBound:
 def solved_problem(result: object) -> Problem:
     """The problem of a result; TypeError for anything else."""
     problem = getattr(result, "problem", None)
-    if not isinstance(problem, Problem):
+    fields = ("displacement", "contact_pressure")
+    has_fields = all(hasattr(type(result), name) for name in fields)
+    if not (isinstance(problem, Problem) and has_fields):
         needed = "a result with a displacement is needed"
-        raise TypeError(f"result={in_words(result)}: {needed}")
+        within = hint_at_part(result, ExactResult)
+        raise TypeError(f"result={in_words(result)}: {needed}{within}")
     return problem
 
 

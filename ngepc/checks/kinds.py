@@ -23,8 +23,23 @@ def require_instance(
 ) -> T:
     """``value``, an instance of ``kind``; ``needed`` describes it in the message."""
     if not isinstance(value, kind):
-        raise TypeError(f"{name}={in_words(value)}: {needed} is needed")
+        within = hint_at_part(value, kind)
+        raise TypeError(f"{name}={in_words(value)}: {needed} is needed{within}")
     return value
+
+
+def hint_at_part(value: object, kind: type | tuple[type, ...]) -> str:
+    """Where the result of an adaptive run, or a history, has an instance of ``kind``."""
+    if isinstance(getattr(value, "result", None), kind):
+        return ", such as its .result"
+    if isinstance(getattr(value, "solution", None), kind):
+        return ", such as its .solution"
+    steps = getattr(value, "steps", None)
+    if isinstance(steps, list) and steps:
+        last = steps[-1]
+        if isinstance(getattr(last, "solution", None), kind):
+            return ", such as its .steps[-1].solution"
+    return ""
 
 
 def require_attributes(

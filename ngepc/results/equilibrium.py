@@ -20,6 +20,7 @@ import numpy as np
 
 from ngepc._deprecated import renamed
 from ngepc.checks.arguments import boundary_names, require_vector
+from ngepc.checks.sentences import in_words
 from ngepc.discretisation.supports import shares_of_supports
 from ngepc.model.elements import corner_vertices, vertex_coordinates
 from ngepc.model.places import Place
@@ -127,6 +128,11 @@ class Equilibrium:
     ) -> np.ndarray:
         """Nodal forces at the vertices (vertices, N), zero off the boundaries if some are given."""
         mesh = self.problem.mesh
+        if np.ndim(forces) != 2:
+            raise ValueError(
+                f"forces={in_words(forces)}: those of all nodes are needed, such as .reaction of "
+                "an Equilibrium"
+            )
         forces = forces[:, : mesh.nv].T
         if boundaries is None:
             return forces

@@ -13,7 +13,12 @@ import ngsolve as ngs
 import numpy as np
 from ngsolve.comp import SumOfIntegrals
 
-from ngepc.checks.arguments import boundary_names, require_component, require_vector
+from ngepc.checks.arguments import (
+    boundary_names,
+    require_coefficient,
+    require_component,
+    require_vector,
+)
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.hill_law import HillLaw
@@ -266,14 +271,32 @@ def _of_form(form: Form, state: State) -> Slope:
     return Slope(float(varied.Energy(here.vec)), by + Data(initial=by["p"]))
 
 
-def misfit(observed: ngs.CoefficientFunction, boundary: str | None = None) -> Form:
+def misfit(
+    observed: ngs.CoefficientFunction, boundary: str | None = None
+) -> Functional:
     """Int |u - observed|^2 over a boundary, or over the body."""
     require_instance(
         "observed", observed, ngs.CoefficientFunction, "a vector coefficient"
     )
     require_text("boundary", boundary, optional=True)
-    measure = ngs.dx if boundary is None else ngs.ds(boundary)
-    return lambda u, p, stress: ngs.InnerProduct(u - observed, u - observed) * measure
+    return SimpleNamespace(slope=partial(_misfit, observed, boundary))
+
+
+def _misfit(
+    observed: ngs.CoefficientFunction, boundary: str | None, state: State
+) -> Slope:
+    """The same for a state; ValueError for other components, and names that are no boundary."""
+    problem = state.discrete.problem
+    require_coefficient("observed", observed, [(problem.N,)])
+    measure = ngs.dx
+    if boundary is not None:
+        names = boundary_names("boundary", boundary, problem.mesh)
+        measure = ngs.ds("|".join(names))
+
+    def squared(u: ngs.CoefficientFunction, _p: object, _s: object) -> SumOfIntegrals:
+        return ngs.InnerProduct(u - observed, u - observed) * measure
+
+    return _of_form(squared, state)
 
 
 def _require_arguments(form: Form) -> None:

@@ -74,7 +74,8 @@ class Response:
     def __call__(self, theta: Sequence[float]) -> tuple[float, np.ndarray]:
         """The number and its derivatives; SolverError if a solve does not converge."""
         n = len(self.parameters)
-        values = require_vector("theta", np.asarray(theta, dtype=float), (n,))
+        given = np.asarray(theta) if np.ndim(theta) else theta
+        values = require_vector("theta", given, (n,))
         problem = self.at(values)
         result = self._solver(problem, start=self.last)
         result.or_interrupted().raise_for_status()

@@ -432,3 +432,19 @@ def test_a_quick_dual_result_is_what_it_says():
     """The solutions that the tables draw are honest ones."""
     assert DUAL.status in (Status.CONVERGED, Status.ITERATION_LIMIT)
     assert PRIMAL.status is Status.CONVERGED
+
+
+@pytest.mark.parametrize("given", ["history", "step", "adaptive run"])
+@pytest.mark.parametrize(
+    "needs", [ngepc.error_bound, ngepc.contact_force_bracket, ngepc.error_indicators]
+)
+def test_where_the_result_is(given, needs):
+    """A history and an adaptive run are no results, but have one: the message says where."""
+    adaptive = ngepc.solve_to(PROBLEM, relative_error=0.9) if given[0] == "a" else None
+    one, where = {
+        "history": (HISTORY, r"such as its \.steps"),
+        "step": (HISTORY.steps[-1], r"such as its \.solution"),
+        "adaptive run": (adaptive, r"such as its \.result"),
+    }[given]
+    with pytest.raises(TypeError, match=where):
+        needs(one)

@@ -196,6 +196,9 @@ def test_moment_of_a_couple():
     forces[1, np.linalg.norm(points, axis=1) < 1e-9] = -2.0
     for about in (None, (5.0, -3.0)):
         assert result.equilibrium.moment(forces, about) == pytest.approx([2.0])
+    for sums in (result.equilibrium.moment, result.equilibrium.resultant):
+        with pytest.raises(ValueError, match=r"forces=.*those of all nodes are needed"):
+            sums(result.reaction)
 
 
 def test_the_two_methods_agree_on_forces():

@@ -20,6 +20,7 @@ from ngepc import (
     Material,
     NewtonOptions,
     Problem,
+    Response,
     Roller,
     SolverError,
     evolve,
@@ -278,6 +279,23 @@ def test_obstacle_and_support_that_meet_move_either_way():
 def test_functionals_that_are_refused(lshape_result, functional, text):
     with pytest.raises(ValueError, match=text):
         gradient(lshape_result, functional, "gap")
+
+
+def test_misfits_that_are_refused(lshape_result):
+    """A misspelt boundary is none: NGSolve integrates nothing over it."""
+    with pytest.raises(ValueError, match="boundary='top': there is no boundary 'top'"):
+        gradient(lshape_result, misfit(CF((0, 0)), "top"), "gap")
+    with pytest.raises(ValueError, match="observed"):
+        gradient(lshape_result, misfit(CF((0, 0, 0)), "contact"), "gap")
+
+
+def test_numbers_of_a_response_that_are_refused():
+    response = Response(
+        lshape_problem(lshape.paper_mesh(113)), "contact_force", ["gap"]
+    )
+    for theta in (0.1, None, "a"):
+        with pytest.raises(TypeError, match=r"theta=.*: a sequence of 1 numbers"):
+            response(theta)
 
 
 def test_forms_that_are_none(lshape_result):
