@@ -104,6 +104,25 @@ def _seen_at(problem: Problem, name: str, scanned: Collection[str] | None) -> st
     return "at nodes" if outside else "at integration points"
 
 
+def unseen_changes(problem: Problem, changes: Mapping[str, tuple[str, object]]) -> str:
+    """A sentence about changes of data, name -> (datum, change), that are known from samples.
+
+    Changes of gaps are looked at in nodes, those of materials where the data are.
+    """
+    outside = (*LOADS, *ON_BOUNDARY, "initial_plastic_strain")
+    texts = []
+    for name, (datum, change) in changes.items():
+        if datum == "shape" or _exact(change, problem.mesh):  # vertices move
+            continue
+        scanned = "material.hill" if datum.startswith("hill.") else "material.law"
+        group = datum if datum in outside else scanned
+        texts.append(f"{name} ({_seen_at(problem, group, (*LOADS, *OF_MATERIAL))})")
+    if not texts:
+        return ""
+    known = f"Changes known from samples only: {', '.join(texts)}"
+    return f"{known}; variations between them can be missed."
+
+
 def hidden_overlap(problem: Problem, u: np.ndarray) -> float:
     """The largest u . n - gap where an obstacle varies between nodes (length), zero if none.
 

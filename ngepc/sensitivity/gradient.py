@@ -16,6 +16,7 @@ from ngepc._deprecated import old_names
 from ngepc.checks.arguments import Coefficient, require_integer
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import in_words
+from ngepc.discretisation.sampled import unseen_changes
 from ngepc.discretisation.spaces import nodal
 from ngepc.evolution.result import Evolution, EvolutionStep
 from ngepc.linalg.blas import one_blas_thread
@@ -77,7 +78,8 @@ class Gradient(dict[str, float]):
         The weakly active rows and points of each time step that the functional depends on.
 
     ``differentiable`` is False if a row or point is biactive: the numbers are then derivatives from
-    one side.  ``message`` lists the biactive rows and points of each step.
+    one side.  ``message`` lists the biactive rows and points of each step, and the changes that
+    are known from samples only.
     """
 
     def __init__(
@@ -85,12 +87,14 @@ class Gradient(dict[str, float]):
         derivatives: Mapping[str, float],
         functional: float,
         biactive: tuple[Biactive, ...],
+        unseen: str = "",
     ) -> None:
         super().__init__(derivatives)
         self.functional = functional
         self.biactive = biactive
-        self.message = biactive_message(biactive)
-        self.differentiable = not self.message
+        one_sided = biactive_message(biactive)
+        self.message = " ".join(filter(None, (one_sided, unseen)))
+        self.differentiable = not one_sided
 
 
 @one_blas_thread
@@ -153,7 +157,9 @@ def gradient(
                 derivatives[name] += by.paired(moved)
                 if number == last:
                     derivatives[name] += slope_by_mesh(functional, linear.state, change)
-    return Gradient(derivatives, value, tuple(found))
+    changes = {n: (d.datum.partition(":")[0], d.change) for n, d in wanted.items()}
+    unseen = unseen_changes(result.problem, changes)
+    return Gradient(derivatives, value, tuple(found), unseen)
 
 
 def require_data(

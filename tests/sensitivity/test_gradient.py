@@ -436,3 +436,44 @@ def test_the_study_says_what_it_found(tmp_path):
     table = (tmp_path / "derivatives.md").read_text()
     assert "| all | 1 |" in table
     assert "| kinematics plane stress | 1 |" in table  # of the first random problem
+
+
+JUMP = IfPos((y - 0.4) * (0.43 - y), 1.0, 0.0)
+"""One in a strip that lies between the integration points of most elements."""
+
+
+@pytest.mark.parametrize(
+    ("datum", "change", "where"),
+    [
+        ("body_force", CF((0.0, 1.0)) * JUMP, "at 1/"),
+        ("pressure", {"right": JUMP}, "at 1/"),
+        ("initial_strain", JUMP, "at 1/"),
+        ("lame_mu", JUMP, "at 1/"),
+        ("gap", JUMP, "at nodes"),
+        ("friction", JUMP, "at nodes"),
+        (
+            "initial_plastic_strain",
+            JUMP * CF((1, 0, 0, -1), dims=(2, 2)),
+            "at integration points",
+        ),
+    ],
+)
+def test_changes_that_samples_may_miss_are_said(datum, change, where):
+    problem = Problem(
+        block.structured_mesh(2, 2, simplices=True),
+        Material.kinematic(
+            lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1e2
+        ),
+        traction={"left": (0.3, -0.4)},
+        contact="contact",
+        gap=-1e-3,
+        friction=0.3,
+        kinematics="two-dimensional",
+    )
+    result = semismooth_newton(problem)
+    strip = Direction(datum, change)
+    found = gradient(result, "primal_energy", {"strip": strip})
+    assert found.differentiable
+    assert f"Changes known from samples only: strip ({where}" in found.message
+    whole = gradient(result, "primal_energy", ["lame_mu", "gap"])
+    assert whole.message == ""
