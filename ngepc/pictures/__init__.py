@@ -1,4 +1,12 @@
-"""Pictures: fields and curves for papers (matplotlib); ``ngepc.pictures.views`` for the screen."""
+"""Pictures: fields and curves for papers (matplotlib); ``ngepc.pictures.views`` for the screen.
+
+- figures of bodies: fields, meshes, materials, collapse, stills
+- curves: curves, intervals
+- what is drawn: drawable, sampling, cutting, style
+- for the screen: views, live, live_server, sliders, monitors, course
+- files: report, export, vtu
+- descriptions in words and numbers: wording, answers, quantities, rows
+"""
 
 from ngepc.pictures.curves import plot_contact_pressure as plot_contact_pressure
 from ngepc.pictures.curves import plot_counts as plot_counts

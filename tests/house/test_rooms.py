@@ -2,6 +2,7 @@
 
 import ast
 
+import pytest
 from sources import arrows, circles, imports, modules, nodes, room, rooms
 
 FLOORS = (
@@ -102,7 +103,40 @@ def test_a_room_says_what_it_is():
         )
 
 
+MANY = 16
+"""More modules than this need a map."""
+
+
+def modules_of(room):
+    """The names of the modules of a room, without the room's."""
+    return [n.rpartition(".")[2] for n in modules() if n.startswith(f"{room}.")]
+
+
+def on_map(text):
+    """The names that the list in the docstring of a room gives, '- heading: one, other'."""
+    items = " ".join(text.split()).split(" - ")[1:]
+    return [name for item in items for name in item.partition(": ")[2].split(", ")]
+
+
+@pytest.mark.parametrize(
+    "room", [r for r in sorted(rooms()) if len(modules_of(r)) > MANY]
+)
+def test_the_map_of_a_large_room_names_each_of_its_modules(room):
+    """What the docstring of ``__init__`` lists, once each; a new module is entered there."""
+    listed = on_map(ast.get_docstring(modules()[room]))
+    assert sorted(listed) == sorted(modules_of(room))
+
+
 # The tools themselves: a rule that cannot fail is none
+
+
+def test_maps_are_read():
+    assert on_map("A room.\n\n- doors: one, other,\n  third\n- windows: fourth") == [
+        "one",
+        "other",
+        "third",
+        "fourth",
+    ]
 
 
 def test_circles_are_found():
