@@ -11,13 +11,14 @@ where S takes the place of the equivalent stress of von Mises, F = G = H = 1/2, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
 from ngsolve import CF, CoefficientFunction, cos, sin, sqrt
 
-from ngepc.checks.arguments import Coefficient, require_number
+from ngepc.checks.arguments import Coefficient, is_number, require_number
 from ngepc.checks.declared import Datum, Declared, PositiveDatum
 
 _LEAST = 1e-12  # relative size of the smallest eigenvalue that a form may have
@@ -34,7 +35,8 @@ class Hill(Declared):
     L, M, N
         Coefficients of twice the squares of shear stresses (1), > 0.
     angle
-        From the axis x to the axis 1 of the material, about z (radians); a number or a coefficient.
+        From the axis x to the axis 1 of the material, about z (radians); a number, at most 2 pi, or
+        a coefficient.
 
     Raises
     ------
@@ -49,6 +51,12 @@ class Hill(Declared):
     M: PositiveDatum = 1.5
     N: PositiveDatum = 1.5
     angle: Datum = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if is_number(self.angle) and abs(self.angle) > 2 * math.pi:
+            needed = "radians are needed, at most one turn, 2 pi"
+            raise ValueError(f"angle={self.angle:g}: {needed}")
 
     @classmethod
     def r_values(

@@ -95,16 +95,23 @@ def without_touch(result: Any) -> str:
     if not result.status.is_solution or result.contact_nodes:
         return ""
     rows = result.rows
-    places = rows.between(vertex_coordinates(result.problem.mesh)).tolist()
+    points = vertex_coordinates(result.problem.mesh)
+    places = rows.between(points).tolist()
     gaps = np.where(rows.tied, np.inf, result.open_gap).tolist()
     nearest = min(zip(gaps, places, strict=True), default=(np.inf, []))
-    gap, place = min(result.problem.processes.all(nearest))
+    processes = result.problem.processes
+    gap, place = min(processes.all(nearest))
     if not 0 <= gap < np.inf:
         return ""
     where = tuple(float(f"{c:.4g}") for c in place)
-    return (
-        f"Nothing touches the obstacle: the smallest gap left is {gap:.3g} at {where}."
-    )
+    missed = ""
+    if gap > processes.extent(points).max():
+        missed = (
+            ", more than the size of the body: no obstacle lies along the normals of the contact "
+            "boundary, or it is far away"
+        )
+    found = f"the smallest gap left is {gap:.3g} at {where}{missed}"
+    return f"Nothing touches the obstacle: {found}."
 
 
 def without_motion(result: Any) -> str:

@@ -179,6 +179,8 @@ def test_what_is_refused():
         pulled(Hill(F=-1.0), 1.0)
     with pytest.raises(ValueError, match="r_45=-1"):
         Hill.r_values(1.0, -1.0, 1.0)
+    with pytest.raises(ValueError, match="angle=30: radians"):
+        Hill.r_values(1.0, 1.0, 1.0, angle=30.0)
     with pytest.raises(ValueError, match="finite"):
         pulled(Hill(angle=CF(1.0) / (x - x)), 1.0)
 

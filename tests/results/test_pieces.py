@@ -13,6 +13,7 @@ from teams import Jacobi
 from ngepc import Material, NewtonOptions, Problem, Status, semismooth_newton
 from ngepc.geometries import block
 from ngepc.model.elements import largest_slenderness
+from ngepc.model.obstacles import Disc
 from ngepc.results.checkpoint import problem_fingerprint
 from ngepc.results.ending import keeps_falling
 from ngepc.results.outcome import History
@@ -269,6 +270,17 @@ def test_values_of_other_types_are_named(hint, value):
         value_of("it", hint, value)
     hole = value_of("it", float, float("nan"), holes=True)
     assert hole != hole
+
+
+def test_an_obstacle_beside_the_body_is_said():
+    """Rays along the normals miss it; above the body it is as far as the message says."""
+    mesh = block.structured_mesh(2, 2)
+    for place, missed in ((5.0, True), (0.5, False)):
+        gap = Disc(centre=(place, 1.5), radius=0.4).gap(mesh)
+        body = Problem(mesh, METAL, "left", contact="contact", gap=gap)
+        message = semismooth_newton(body).message
+        assert ("no obstacle lies along the normals" in message) == missed
+        assert ("the smallest gap left is 0.1 at (0.5, 1.0)." in message) != missed
 
 
 def test_only_solutions_say_that_nothing_touches():
