@@ -121,8 +121,8 @@ def on_mesh(
     changes = {f.name: carried(getattr(material, f.name)) for f in fields(Material)}
     vars(finer).update({name: carried(getattr(problem, name)) for name in names})
     vars(finer).update(mesh=mesh, order=order, material=replace(material, **changes))
-    vars(finer).update(initial_displacement=start, solved_on=MeshState.of(mesh))
-    return finer
+    vars(finer).update(initial_displacement=start)
+    return finer.as_solved_on(MeshState.of(mesh))
 
 
 def discrete_on(old: ExactResult, mesh: Mesh, parents: np.ndarray) -> DiscreteProblem:

@@ -133,7 +133,7 @@ class KeptFields:
         history = {n: self.array(n) for n in self._places if n not in self._spaces}
         memory = replace(self._memory, arrays=history)
         problem = memory.before(self._problem, initial_displacement=start)
-        vars(problem)["solved_on"] = self._problem.solved_on
+        problem = problem.as_solved_on(self._problem.solved_on)
         fields = object.__new__(Fields)
         vars(fields).update(functions, problem=problem)
         return fields
@@ -148,5 +148,4 @@ class KeptFields:
 def without(problem: Problem, names: Sequence[str]) -> Problem:
     """A solved problem without some of the data that the steps before have left."""
     other = problem.continued(**dict.fromkeys(names))
-    vars(other)["solved_on"] = problem.solved_on
-    return other
+    return other.as_solved_on(problem.solved_on)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from ngsolve import CoefficientFunction, Id, Mesh
@@ -26,6 +27,8 @@ Vector = CoefficientFunction | Sequence[Coefficient]
 """A vector-valued CoefficientFunction, or a sequence of N numbers and scalar coefficients."""
 
 Components = tuple | list | np.ndarray
+
+Data = TypeVar("Data", bound="ProblemData")
 
 ACTING = ("traction", "pressure", "prescribed", "springs")
 """Arguments that map places to values."""
@@ -70,6 +73,15 @@ class ProblemData:
     initial_strain: Coefficient | None = None
     duration: float | None = None
     thickness: float | None = None
+
+    solved_on: ClassVar[object] = None
+    """The state of the mesh when the problem was solved, ``own.MeshState``; None before."""
+
+    def as_solved_on(self: Data, state: object) -> Data:
+        """A copy that was solved while its mesh had this state."""
+        other = copy(self)
+        vars(other)["solved_on"] = state
+        return other
 
     @property
     def given(self) -> dict[str, object]:

@@ -17,8 +17,9 @@ integral of a convex function of |p|.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, fields
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from ngsolve import CoefficientFunction
 
@@ -98,6 +99,9 @@ class Material(Declared):
     hill: Annotated[Hill, Check(require_instance, **HILL)] | None = None
     overlay: Annotated[Overlay, Check(require_instance, **OVERLAY)] | None = None
 
+    _call: ClassVar[tuple[str, tuple[tuple[str, object], ...]]] = ("Material", ())
+    """The constructor of a data sheet that made the material, and its arguments."""
+
     @classmethod
     def metal(
         cls,
@@ -172,9 +176,7 @@ class Material(Declared):
         }
         given |= {"kind": kind, "kinematic_share": kinematic_share, "rate": rate}
         given |= {"hill": hill}
-        entries = [(name, value) for name, value in given.items() if value is not None]
-        vars(metal)["given"] = tuple(entries)
-        return metal
+        return metal._printed_as("Material.metal", given)
 
     @classmethod
     def cyclic(
@@ -222,15 +224,20 @@ class Material(Declared):
         )
         given = {"young": young, "poisson": poisson, "curve": curve}
         given |= {"yield_stress": yield_stress}
-        entries = [(name, value) for name, value in given.items() if value is not None]
-        vars(metal)["given"] = tuple(entries)
-        vars(metal)["constructor"] = "Material.cyclic"
-        return metal
+        return metal._printed_as("Material.cyclic", given)
+
+    def _printed_as(self, constructor: str, given: dict[str, object]) -> Material:
+        """The same material, which prints as the call of a constructor that made it."""
+        entries = tuple((n, value) for n, value in given.items() if value is not None)
+        other = copy(self)
+        vars(other)["_call"] = (constructor, entries)
+        return other
 
     @property
     def data_sheet(self) -> dict[str, object]:
-        """The arguments of ``Material.metal``, by name; empty for other materials."""
-        return dict(vars(self).get("given", ()))
+        """The arguments of ``Material.metal`` or ``cyclic``, by name; empty for other materials."""
+        _, given = self._call
+        return dict(given)
 
     def __repr__(self) -> str:
         """The call that made it, numbers with all digits; coefficients by their kind."""
@@ -240,9 +247,8 @@ class Material(Declared):
 
     def _as_call(self) -> tuple[str, dict[str, object]]:
         """Name of the constructor, and the arguments that were given."""
-        given = self.data_sheet
-        if given:
-            return vars(self).get("constructor", "Material.metal"), given
+        if self.data_sheet:
+            return self._call[0], self.data_sheet
         every = {field.name: getattr(self, field.name) for field in fields(self)}
         absent = [
             one is None or (is_number(one) and one == 0) for one in every.values()

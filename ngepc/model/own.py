@@ -56,8 +56,7 @@ class OwnCopies:
         own = copy.copy(problem)
         for name, value in problem.given.items():
             vars(own)[name] = self._own(name, value)
-        vars(own)["solved_on"] = MeshState.of(problem.mesh)
-        return own
+        return own.as_solved_on(MeshState.of(problem.mesh))
 
     def _own(self, name: str, value: object) -> object:
         """A datum that no later change reaches."""
@@ -178,7 +177,7 @@ class MeshState(NamedTuple):
 
 def require_same_mesh(problem: ProblemData) -> ProblemData:
     """``problem``; a ValueError if its mesh has changed since it was solved."""
-    before = getattr(problem, "solved_on", None)
+    before = problem.solved_on
     if before is not None:
         _require_no_change(before.change_to(MeshState.of(problem.mesh)))
     return problem
@@ -186,7 +185,7 @@ def require_same_mesh(problem: ProblemData) -> ProblemData:
 
 def require_same_elements(problem: ProblemData) -> None:
     """A ValueError if the mesh has other elements; nodal values may follow points that move."""
-    before = getattr(problem, "solved_on", None)
+    before = problem.solved_on
     if before is not None:
         mesh = problem.mesh
         _require_no_change(
