@@ -23,6 +23,7 @@ from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem
 from ngepc.model.material import Material
 from ngepc.model.own import require_same_mesh
+from ngepc.model.places import Place
 from ngepc.model.problem import Problem
 from ngepc.model.processes import nodes_of
 from ngepc.results.fields import Fields
@@ -307,28 +308,29 @@ class Evolution(Ending):
         require_function("quantity", quantity, "the fields")
         return [quantity(step.fields) for step in self.steps]
 
-    def reactions(self, support: str) -> np.ndarray:
+    def reactions(self, support: Place) -> np.ndarray:
         """The force of one support on the body in all steps, shape (steps, N).
 
         Parameters
         ----------
         support
-            Name of a clamped or prescribed boundary.
+            Name of a clamped or prescribed boundary, or the ``Point`` or ``Edge``.
 
         Raises
         ------
         ValueError
             If a step has no such support.
         """
+        name = str(support)
         forces_of_steps = self.column("reactions")
         for time, forces in zip(self.times, forces_of_steps, strict=True):
-            if support not in forces:
+            if name not in forces:
                 known = f"the reactions of {', '.join(sorted(forces)) or 'none'}"
                 raise ValueError(
                     f"support={support!r}: the step to time {time:g} has {known}"
                 )
         return np.reshape(
-            [forces[support] for forces in forces_of_steps],
+            [forces[name] for forces in forces_of_steps],
             (len(forces_of_steps), self.problem.N),
         )
 

@@ -20,7 +20,7 @@ from ngepc.geometries import block, lshape
 from ngepc.methods.newton import semismooth_newton
 from ngepc.model.elements import plastic_points
 from ngepc.model.material import Material
-from ngepc.model.places import Coulomb
+from ngepc.model.places import Coulomb, Point
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.options import NewtonOptions
@@ -671,7 +671,7 @@ def test_all_data_of_a_problem_are_in_its_fingerprint():
     from ngsolve import CF
 
     from ngepc.model.kinematics import PLANE_STRAIN, Kinematics
-    from ngepc.model.places import Point, Roller
+    from ngepc.model.places import Roller
     from ngepc.results.checkpoint import problem_fingerprint
 
     @dataclasses.dataclass(frozen=True, eq=False)
@@ -755,6 +755,19 @@ def test_records_tell_the_force_of_every_support(rolled, solver):
     )
     with pytest.raises(ValueError, match=r"support='right'.* of clamped, left"):
         evolution.reactions("right")
+
+
+def test_the_force_of_a_point(rolled):
+    """Its springs take what the clamp does not."""
+    problem, schedule = rolled
+    corner = Point((1.0, 1.0))
+    history = evolve(problem.changed(springs={corner: (5.0, 7.0)}), schedule)
+    forces = history.reactions(corner)
+    lasts = history.steps[-1].solution.equilibrium.reactions[corner]
+    assert forces[-1] == pytest.approx(lasts, rel=1e-12)
+    assert np.abs(forces).min() > 0
+    with pytest.raises(ValueError, match=r"support=Point\(where=\(0.0, 1.0\)\)"):
+        history.reactions(Point((0.0, 1.0)))
 
 
 def test_reactions_come_back_from_a_checkpoint(rolled, tmp_path):
