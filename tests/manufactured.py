@@ -33,8 +33,9 @@ from ngsolve import (
     y,
 )
 
+from ngepc.model.data import as_scalar
 from ngepc.model.material import Material
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 
 STEEL = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1.25, hardening=1000.0

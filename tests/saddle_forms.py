@@ -38,8 +38,8 @@ from ngepc.discretisation.law import ROUNDING
 from ngepc.discretisation.points import PointFunctions
 from ngepc.discretisation.spaces import nodal
 from ngepc.local.system import DiscreteProblem, State
+from ngepc.model.data import as_scalar
 from ngepc.model.elements import plastic_order
-from ngepc.model.problem import as_scalar
 
 
 class SaddleForms:

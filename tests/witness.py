@@ -25,7 +25,7 @@ from ngsolve import (
 from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.discretisation.supports import prescribed_displacement
 from ngepc.dual.saddle import load_terms
-from ngepc.model.problem import as_scalar
+from ngepc.model.data import as_scalar
 
 POINTS = 400
 

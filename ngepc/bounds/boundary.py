@@ -19,8 +19,9 @@ from ngepc.discretisation.operations import FacetCorners
 from ngepc.discretisation.polynomials import is_polynomial
 from ngepc.discretisation.sampling import HiddenRule, Scan
 from ngepc.linalg.intervals import Intervals
+from ngepc.model.data import as_scalar
 from ngepc.model.elements import cells_of
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 
 
 class OuterFacets:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ngepc.bounds.contact import BUBBLE, EDGES
+from ngepc.bounds.contact import EDGES
+from ngepc.bounds.coverage import BUBBLE
 from ngepc.discretisation.points import Points
 from ngepc.model.elements import inverses, vertex_coordinates
 

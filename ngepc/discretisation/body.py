@@ -18,9 +18,9 @@ from ngepc.discretisation.prolongation import nodal_values
 from ngepc.discretisation.stiffness import Stiffness
 from ngepc.discretisation.supports import Supports
 from ngepc.linalg.secants import Compliance
-from ngepc.model.data import same_fields
+from ngepc.model.data import as_scalar, same_fields
 from ngepc.model.elements import plastic_points
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
 from ngepc.model.support import floating_motions, held_directions
 

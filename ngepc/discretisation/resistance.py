@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ngepc.model.hardening import HardeningLaw
-from ngepc.model.material import PEEQ
+from ngepc.model.tensile import PEEQ
 from ngepc.model.viscosity import RateLaw
 
 ENDLESS = 1e6  # largest |p| in a search without an upper bound

@@ -15,10 +15,10 @@ from ngepc.checks.arguments import Coefficient, boundary_names
 from ngepc.discretisation.loads import region_measure
 from ngepc.discretisation.slanted import SlantedNodes, unit_columns
 from ngepc.discretisation.spaces import displacement_space, nodal, nodes_at
-from ngepc.model.data import same_fields
+from ngepc.model.data import as_scalar, same_fields
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.places import Place, Point, values_at, vertices_at
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 
 
 def shares_of_supports(problem: Problem) -> dict[Place, np.ndarray]:

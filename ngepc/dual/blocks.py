@@ -25,9 +25,9 @@ from ngepc.discretisation.supports import prescribed_displacement
 from ngepc.dual import saddle
 from ngepc.dual.spaces import DualSpaces
 from ngepc.linalg.direct import symmetric_inverse
-from ngepc.model.data import of_order_one, order_note
+from ngepc.model.data import as_scalar, of_order_one, order_note
 from ngepc.model.features import BASIC_FEATURES, HISTORY_FEATURES, require_covered
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 
 COVERS = BASIC_FEATURES | HISTORY_FEATURES | {"quadrilaterals", "hexahedra", "prisms"}
 """Features that the paper's regularised method covers."""

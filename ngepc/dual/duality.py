@@ -32,7 +32,7 @@ from ngepc.discretisation.quadrature import boundary_rules, fine_rules
 from ngepc.dual.functional import DualIterate
 from ngepc.dual.result import DualResult
 from ngepc.linalg.blas import one_blas_thread
-from ngepc.model.problem import as_scalar
+from ngepc.model.data import as_scalar
 
 POINTS = 400
 

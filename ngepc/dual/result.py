@@ -15,8 +15,9 @@ from ngepc.discretisation.supports import Supports
 from ngepc.dual.blocks import primal_energy
 from ngepc.dual.functional import DualFunctional, total
 from ngepc.dual.spaces import Coupled
+from ngepc.model.data import as_scalar
 from ngepc.model.own import require_same_mesh
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 from ngepc.results.equilibrium import Equilibrium
 from ngepc.results.fields import Fields, frobenius
 from ngepc.results.outcome import History, IterationRecord, Status

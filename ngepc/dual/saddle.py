@@ -39,7 +39,8 @@ from ngepc.discretisation.spaces import (
     plastic_dual_space,
     plastic_space,
 )
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.data import as_scalar
+from ngepc.model.problem import Problem
 
 TINY = 1e-290  # is added to |q|: q / |q| is zero at q = 0
 

@@ -13,8 +13,9 @@ from ngepc.discretisation.finer import seen_material
 from ngepc.discretisation.laws import law_of
 from ngepc.discretisation.points import PointFunctions, Points, on_children
 from ngepc.discretisation.spaces import nodal
-from ngepc.model.material import PEEQ, Material
+from ngepc.model.material import Material
 from ngepc.model.problem import Problem
+from ngepc.model.tensile import PEEQ
 from ngepc.results.fields import Fields
 
 

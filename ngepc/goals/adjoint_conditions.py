@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ngepc.bounds.contact import BUBBLE, NORMAL_PASSES
+from ngepc.bounds.contact import NORMAL_PASSES
+from ngepc.bounds.coverage import BUBBLE
 from ngepc.bounds.data import BoundData
 from ngepc.goals.goal_terms import GoalTerms
 

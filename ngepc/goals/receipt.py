@@ -21,9 +21,9 @@ from ngsolve import CF, ET, VOL, IntegrationRule
 from ngepc._version import __version__
 from ngepc.bounds.bound import state_of
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.contact import BUBBLE, EDGES, LEVEL
+from ngepc.bounds.contact import EDGES, LEVEL
 from ngepc.bounds.counterpart import on_simplices
-from ngepc.bounds.coverage import CONSTANT
+from ngepc.bounds.coverage import BUBBLE, CONSTANT
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.of_state import bound_data_of, bound_of_state

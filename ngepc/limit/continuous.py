@@ -15,17 +15,7 @@ from scipy.sparse import csr_matrix, diags, kron
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.enclosed import Enclosed
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
-from ngepc.limit.flow_proof import (
-    NOTHING,
-    ROUNDED,
-    coordinates,
-    dissipation,
-    divergences,
-    gradients,
-    power_of,
-    proved,
-    removal,
-)
+from ngepc.limit.flow_proof import dissipation, power_of, proved, rubbed, strain_rates
 from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.outline import Outline
 from ngepc.limit.static import sparse_rows
@@ -259,17 +249,13 @@ class ContinuousVelocities:
         values = v[self.numbers]
         outline = Outline(cells)
         exact = Enclosed(values)
-        gradient = gradients(outline, exact, self.degree)
-        strain, error = coordinates(shape, gradient)
-        removed = NOTHING
-        if shape.free:
-            below = self.degree - 1
-            removed = removal(data, outline, divergences(gradient), below)
+        strain, error, removed = strain_rates(data, shape, outline, exact, self.degree)
         dissipated = data.bound * dissipation(2, strain[:, :, shape.free :], error)
         powers = tuple(
             power_of(data, outline, exact, self.degree, kind) for kind in (GROWS, STAYS)
         )
-        found = proved(data, powers, removed, dissipated, self._rubbed(y, v))
+        others = rubbed(self.flow.parts[1:], y, float(np.abs(v).max()))
+        found = proved(data, powers, removed, dissipated, others)
         power = found.power
         return Mechanism(
             values / power,
@@ -280,12 +266,3 @@ class ContinuousVelocities:
             np.zeros(len(cells.facets)),
             found.factor,
         )
-
-    def _rubbed(self, y: np.ndarray, v: np.ndarray) -> float:
-        """What friction dissipates at most."""
-        total = 0.0
-        fastest = float(np.abs(v).max())
-        for part in self.flow.parts[1:]:
-            lengths = part.lengths(y) + ROUNDED * fastest
-            total += float(part.weights @ lengths) * (1 + ROUNDED)
-        return total

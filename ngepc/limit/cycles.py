@@ -28,20 +28,17 @@ from ngepc.limit.bracket import (
     lower_on,
     upper_on,
 )
-from ngepc.limit.continuous import ContinuousVelocities, dissipation, sampling
+from ngepc.limit.continuous import ContinuousVelocities, sampling
 from ngepc.limit.data import STAYS, LimitData
 from ngepc.limit.enclosed import Enclosed
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
 from ngepc.limit.flow_proof import (
-    NOTHING,
     ROUNDED,
     Removal,
-    coordinates,
-    divergences,
-    gradients,
+    dissipation,
     power_of,
     proved,
-    removal,
+    strain_rates,
 )
 from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.outline import Outline
@@ -208,12 +205,8 @@ class StrainCycles(ContinuousVelocities):
         velocity = self.velocity(y[: self.directions.shape[1]])
         values = velocity[self.numbers]
         outline = Outline(cells)
-        gradient = gradients(outline, Enclosed(values), self.degree)
-        rest, error = coordinates(shape, gradient)
-        removed = NOTHING
-        if shape.free:
-            below = self.degree - 1
-            removed = removal(data, outline, divergences(gradient), below)
+        exact = Enclosed(values)
+        rest, error, removed = strain_rates(data, shape, outline, exact, self.degree)
         rest = rest[:, :, shape.free :]
         strains = []
         size = cells.volume / self.size
@@ -225,7 +218,7 @@ class StrainCycles(ContinuousVelocities):
         strains.append(rest)
         lengths = sum(dissipation(2, strain, error) for strain in strains)
         grows = self._elastic_power_of(strains, error, removed)
-        stays = power_of(data, outline, Enclosed(values), self.degree, STAYS)
+        stays = power_of(data, outline, exact, self.degree, STAYS)
         found = proved(data, (grows, stays), removed, data.bound * lengths, 0.0)
         power = found.power
         strain = np.stack(strains) / (cells.volume[:, None, None] * power)

@@ -18,6 +18,7 @@ The dissipation of w is added to that of v, and its power is taken from, or adde
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,7 @@ import numpy as np
 from ngepc.bounds.simplices import FACETS, Simplices
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.enclosed import LARGER, UNIT, Enclosed
+from ngepc.limit.flow import DissipatedPart
 from ngepc.limit.outline import Outline, Tree, connected_parts, tree_from
 from ngepc.limit.yielding import SLIP, YieldShape
 from ngepc.linalg.bernstein import distinct_parts, multi_indices, raised, times_hats
@@ -187,6 +189,31 @@ def divergences(gradient: Enclosed) -> np.ndarray:
     for i in range(1, N):
         trace = trace + gradient[..., i, i]
     return trace.size
+
+
+def strain_rates(
+    data: LimitData,
+    shape: YieldShape,
+    outline: Outline,
+    velocity: Enclosed,
+    degree: int,
+) -> tuple[np.ndarray, np.ndarray, Removal]:
+    """Strain rates of a velocity as of ``coordinates``, and what removes their divergence."""
+    gradient = gradients(outline, velocity, degree)
+    strain, error = coordinates(shape, gradient)
+    if not shape.free:
+        return strain, error, NOTHING
+    left = divergences(gradient)
+    return strain, error, removal(data, outline, left, degree - 1)
+
+
+def rubbed(parts: Sequence[DissipatedPart], y: np.ndarray, fastest: float) -> float:
+    """What friction dissipates at most at unknowns y, with speeds up to ``fastest``."""
+    total = 0.0
+    for part in parts:
+        lengths = part.lengths(y) + ROUNDED * fastest
+        total += float(part.weights @ lengths) * (1 + ROUNDED)
+    return total
 
 
 def power_of(

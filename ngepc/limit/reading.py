@@ -13,10 +13,11 @@ from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient
 from ngepc.checks.sentences import in_words
 from ngepc.limit.data import GROWS, STAYS, LimitData
+from ngepc.model.data import as_scalar
 from ngepc.model.elements import cells_of
 from ngepc.model.features import BASIC_FEATURES, require_covered
 from ngepc.model.places import Roller
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 
 BODY_FORCE = "body_force"
 """The name of the body force in ``growing``."""

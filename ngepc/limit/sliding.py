@@ -19,16 +19,13 @@ from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.limit.enclosed import Enclosed, joined_enclosures
 from ngepc.limit.flow import AffineRows, DissipatedPart, Flow
 from ngepc.limit.flow_proof import (
-    NOTHING,
     ROUNDED,
-    coordinates,
     dissipation,
-    divergences,
-    gradients,
     of_facet,
     power_of,
     proved,
-    removal,
+    rubbed,
+    strain_rates,
 )
 from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.outline import Outline
@@ -395,12 +392,9 @@ class SlidingVelocities:
         touched = self._touched()
         fluxes[touched] = np.minimum(fluxes[touched], 0.0)
         velocity = self._exact_velocity(fluxes)
-        gradient = gradients(self.outline, velocity, DEGREE)
-        strain, error = coordinates(shape, gradient)
-        removed = NOTHING
-        if shape.free:
-            below = DEGREE - 1
-            removed = removal(data, self.outline, divergences(gradient), below)
+        strain, error, removed = strain_rates(
+            data, shape, self.outline, velocity, DEGREE
+        )
         rates = strain[:, :, shape.free :]
         dissipated = data.bound * dissipation(cells.N, rates, error)
         jumps = self._jumps(velocity) - self._motions()
@@ -411,7 +405,8 @@ class SlidingVelocities:
             power_of(data, self.outline, velocity, DEGREE, kind)
             for kind in (GROWS, STAYS)
         )
-        others = float(slipped.sum()) * (1 + ROUNDED) + self._rubbed(y, velocity)
+        others = float(slipped.sum()) * (1 + ROUNDED)
+        others += rubbed(self.rubbing, y, float(velocity.size.max()))
         found = proved(data, powers, removed, dissipated, others)
         power = found.power
         return Mechanism(
@@ -436,12 +431,3 @@ class SlidingVelocities:
         result = np.zeros(len(slips))
         result[self.slides] = costs * (lengths + error[self.slides])
         return result
-
-    def _rubbed(self, y: np.ndarray, velocity: Enclosed) -> float:
-        """What friction dissipates at most."""
-        total = 0.0
-        fastest = float(velocity.size.max())
-        for part in self.rubbing:
-            lengths = part.lengths(y) + ROUNDED * fastest
-            total += float(part.weights @ lengths) * (1 + ROUNDED)
-        return total

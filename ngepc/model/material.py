@@ -37,8 +37,8 @@ from ngepc.checks.sentences import in_words
 from ngepc.model.hardening import HardeningLaw
 from ngepc.model.hill import Hill
 from ngepc.model.overlay import Overlay
-from ngepc.model.tensile import PEEQ as PEEQ
 from ngepc.model.tensile import (
+    PEEQ,
     elastic_data,
     kinematic_share_of,
     law_of_curve,

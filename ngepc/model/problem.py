@@ -13,7 +13,6 @@ from ngepc.checks.kinds import require_mesh
 from ngepc.checks.sentences import arguments_in_words
 from ngepc.model.checks import check_problem
 from ngepc.model.data import LEFT, DefaultOrder, ProblemData
-from ngepc.model.data import as_scalar as as_scalar
 from ngepc.model.elements import outward_normal
 from ngepc.model.features import features_of
 from ngepc.model.kinematics import TWO_DIMENSIONAL, kinematics_of, with_thickness

@@ -28,8 +28,8 @@ from ngepc.checks.arguments import Coefficient, is_number
 from ngepc.discretisation.finer import seen_problem
 from ngepc.discretisation.law import SOFTEST
 from ngepc.discretisation.points import Points
-from ngepc.model.material import PEEQ
 from ngepc.model.problem import Problem
+from ngepc.model.tensile import PEEQ
 
 YIELD_ROUNDING = 1e-9
 """Points are plastic in the tangent if |s| exceeds beta by more than this fraction.

@@ -26,8 +26,9 @@ from ngepc.discretisation.points import interpolated
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.cores import crew
 from ngepc.linalg.direct import require_solver
+from ngepc.model.data import as_scalar
 from ngepc.model.own import own_copy, require_same_mesh
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
 from ngepc.primal.energy import PrimalState, ReducedEnergy
 from ngepc.results.fields import frobenius
 from ngepc.results.iteration import newton_iteration

@@ -17,9 +17,10 @@ from ngsolve import (
 
 from ngepc.checks.arguments import require_coefficient, require_covering
 from ngepc.checks.kinds import require_instance
-from ngepc.model.material import PEEQ
+from ngepc.model.data import as_scalar
 from ngepc.model.own import require_same_mesh
-from ngepc.model.problem import Problem, as_scalar
+from ngepc.model.problem import Problem
+from ngepc.model.tensile import PEEQ
 
 
 def frobenius(A: CoefficientFunction) -> CoefficientFunction:

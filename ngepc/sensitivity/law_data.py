@@ -21,8 +21,9 @@ from ngepc.discretisation.finer import seen
 from ngepc.discretisation.resistance import Resistance
 from ngepc.local.system import State
 from ngepc.model.data import as_scalar
-from ngepc.model.material import PEEQ, Material
+from ngepc.model.material import Material
 from ngepc.model.problem import Problem
+from ngepc.model.tensile import PEEQ
 from ngepc.sensitivity.equations import STENCIL, Data
 
 PARTS = ("law", "rate", "hill", "overlay")

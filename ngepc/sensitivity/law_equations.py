@@ -35,7 +35,7 @@ from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.law import Law, Return
 from ngepc.discretisation.overlay_law import OverlayLaw
 from ngepc.local.system import State
-from ngepc.model.material import PEEQ
+from ngepc.model.tensile import PEEQ
 from ngepc.sensitivity.equations import Block, Tape
 
 Equation = tuple[str, str, Block]

@@ -16,9 +16,10 @@ from ngepc.checks.sentences import counted
 from ngepc.geometries import block
 from ngepc.model.hardening import HardeningLaw, Swift, Voce
 from ngepc.model.hill import Hill
-from ngepc.model.material import PEEQ, Material
+from ngepc.model.material import Material
 from ngepc.model.overlay import Overlay
 from ngepc.model.problem import Problem
+from ngepc.model.tensile import PEEQ
 from ngepc.model.viscosity import Norton
 from ngepc.pictures.curves import plot_counts
 from ngepc.pictures.style import save_figure

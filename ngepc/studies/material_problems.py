@@ -14,10 +14,10 @@ from ngepc.evolution.solver import evolve
 from ngepc.geometries import block
 from ngepc.methods.newton import semismooth_newton
 from ngepc.model.hill import Hill
-from ngepc.model.material import PEEQ, Material
+from ngepc.model.material import Material
 from ngepc.model.places import Roller
 from ngepc.model.problem import Problem
-from ngepc.model.tensile import lame_parameters
+from ngepc.model.tensile import PEEQ, lame_parameters
 from ngepc.model.viscosity import Norton
 from ngepc.results.outcome import Status
 from ngepc.studies.solid_problems import Quantity, Solved, metal

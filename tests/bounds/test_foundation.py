@@ -25,7 +25,7 @@ from ngepc import (
 from ngepc.bounds.of_state import data_on
 from ngepc.geometries import block
 from ngepc.goals.goal_bound import GoalProblem
-from ngepc.goals.integrand import SpringSquares
+from ngepc.goals.goal_boundary import SpringSquares
 
 ELASTIC = Material.kinematic(
     lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=1e2

@@ -22,7 +22,7 @@ from ngepc.bounds.flow_potentials import flow_potential, least_potential
 from ngepc.bounds.polynomials import triangle_rule
 from ngepc.discretisation.resistance import Resistance
 from ngepc.geometries import block
-from ngepc.model.material import PEEQ
+from ngepc.model.tensile import PEEQ
 from ngepc.model.viscosity import RateLaw
 
 LAME = {"lame_lambda": 1.5e3, "lame_mu": 1e3}

@@ -19,10 +19,11 @@ from ngepc.methods.newton import semismooth_newton
 from ngepc.model.hardening import Swift, Tabulated, Voce
 from ngepc.model.hill import Hill
 from ngepc.model.kinematics import KINEMATICS, PLANE_STRESS, TWO_DIMENSIONAL
-from ngepc.model.material import PEEQ, Material
+from ngepc.model.material import Material
 from ngepc.model.overlay import Overlay
 from ngepc.model.places import Contact, Coulomb
 from ngepc.model.problem import Problem
+from ngepc.model.tensile import PEEQ
 from ngepc.model.viscosity import Norton
 from ngepc.results.options import NewtonOptions
 from ngepc.results.outcome import Status

@@ -10,8 +10,7 @@ from ngsolve import CF
 from ngepc import Hill, Material, Norton, Problem, plot_material
 from ngepc.geometries import block
 from ngepc.pictures import UnitNames, materials
-from ngepc.pictures.report import describe_problem
-from ngepc.pictures.wording import describe_material
+from ngepc.pictures.wording import describe_material, describe_problem
 
 STEEL = {"young": 210e3, "poisson": 0.3, "yield_stress": 210.0, "tangent_modulus": 2e3}
 METAL = Material.metal(**STEEL, kind="kinematic")
