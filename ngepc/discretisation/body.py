@@ -319,7 +319,7 @@ class Iterate:
         drift = floating.drift(self.free_residual)
         if self._relative(self._processes.norm(drift)) < DRIFT * left:
             return ""
-        centre = ", ".join(f"{c:.3g}" for c in floating.centres[-1])
+        centre = floating.place
         if left > SMALL:
             return (
                 f"The part around ({centre}) still moves as a rigid body, and {left:.2g} of the "

@@ -41,6 +41,23 @@ STIFFER = 1e-2
 SMALL = 1e-6  # smaller parts of the loads or of a motion count as zero
 
 
+def as_coordinates(centre: np.ndarray) -> str:
+    """The coordinates of the centre of a part."""
+    return ", ".join(f"{c:.3g}" for c in centre)
+
+
+def at_nodes(motions: np.ndarray, count: int) -> np.ndarray:
+    """Motions at vertices, shape (vertices, N, k), at so many nodes; zero at edges."""
+    z = np.zeros((count, *motions.shape[1:]))
+    z[: len(motions)] = motions
+    return z
+
+
+def gram_matrix(z: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
+    """The products z' D z of motions (nodes, N, k) with a diagonal stiffness D (nodes, N)."""
+    return np.einsum("nia,ni,nib->ab", z, diagonal, z)
+
+
 class LooselyHeld:
     """Parts in contact that are held by springs otherwise, and soft ones.
 
@@ -68,13 +85,12 @@ class LooselyHeld:
         shares = [self._share(motions) for motions, _ in found]
         self.share = min(shares)
         _, vertices = found[int(np.argmin(shares))]
-        self._centre = ", ".join(f"{c:.3g}" for c in x[vertices].mean(axis=0))
+        self._centre = as_coordinates(x[vertices].mean(axis=0))
 
     def _share(self, motions: np.ndarray) -> float:
         """The least ratio of the energies of springs and of the diagonal of the stiffness."""
-        z = np.zeros((*self._diagonal.shape, motions.shape[2]))
-        z[: len(motions)] = motions
-        own = np.einsum("nia,ni,nib->ab", z, self._diagonal, z)
+        z = at_nodes(motions, len(self._diagonal))
+        own = gram_matrix(z, self._diagonal)
         flat = z.reshape(self._diagonal.size, -1)
         ratios = eigvalsh(flat.T @ (self._supports.stiffness @ flat), own)
         return max(float(ratios[0]), 0.0)
@@ -109,12 +125,11 @@ class Floating:
         self._contact = contact
         x = vertex_coordinates(problem.mesh)
         self.centres = [x[vertices].mean(axis=0) for _, vertices in found]
-        count = sum(motions.shape[2] for motions, _ in found)
-        self.motions = np.zeros((*diagonal.shape, count))
+        none = np.zeros((*x.shape, 0))
+        together = np.concatenate([none, *(motions for motions, _ in found)], axis=2)
+        self.motions = at_nodes(together, len(diagonal))
         self.springs = np.zeros_like(diagonal)
         if found:
-            together = np.concatenate([motions for motions, _ in found], axis=2)
-            self.motions[: len(x)] = together
             soft = SOFT[contact.friction.d > 0]
             self.springs = soft / len(diagonal) * diagonal
         self._on_rows = contact.matrix @ self.motions.reshape(diagonal.size, -1)
@@ -122,9 +137,7 @@ class Floating:
     @cached_property
     def compliance(self) -> np.ndarray:
         """C with C C' = R Z (Z' K Z)^-1 Z' R', the compliance of the rows by these springs K."""
-        stiffness = np.einsum(
-            "nia,ni,nib->ab", self.motions, self.springs, self.motions
-        )
+        stiffness = gram_matrix(self.motions, self.springs)
         return np.linalg.solve(np.linalg.cholesky(stiffness), self._on_rows.T).T
 
     def unheld(self, load: np.ndarray) -> str:
@@ -141,15 +154,19 @@ class Floating:
         wanted = np.einsum("ni,nik->k", load, self.motions) / size
         if missing(wanted, self._on_rows, units, SMALL) <= SMALL:
             return ""
-        centre = ", ".join(f"{c:.3g}" for c in self.centres[-1])
-        return f"Contact cannot hold the part around ({centre}) against its loads."
+        return f"Contact cannot hold the part around ({self.place}) against its loads."
+
+    @property
+    def place(self) -> str:
+        """The coordinates of the part that messages name."""
+        return as_coordinates(self.centres[-1])
 
     def rigid_part(self, change: np.ndarray) -> np.ndarray:
         """The rigid motion, shape (nodes, N), that is closest to a change of u."""
-        pulls = self.springs[:, :, None] * self.motions
-        gram = np.einsum("nia,nib->ab", pulls, self.motions)
-        work = np.einsum("nia,ni->a", pulls, change)
-        return self.motions @ np.linalg.solve(gram, work)
+        work = np.einsum("nia,ni->a", self.motions, self.springs * change)
+        return self.motions @ np.linalg.solve(
+            gram_matrix(self.motions, self.springs), work
+        )
 
     def drift(self, residual: np.ndarray) -> np.ndarray:
         """The part of nodal forces, shape (nodes, N), that comes from rigid motions.

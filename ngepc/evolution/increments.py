@@ -25,7 +25,7 @@ import numpy as np
 from ngepc.checks.sentences import counted
 from ngepc.discretisation.points import Points
 from ngepc.evolution.result import EvolutionStep, elastic_energy, strain_at
-from ngepc.evolution.run import Run
+from ngepc.evolution.run import Run, say_ending, stop
 from ngepc.results.outcome import Status
 
 log = logging.getLogger(__name__)
@@ -118,9 +118,7 @@ class Increments:
             preview(self.coarse, ends, self.difference)
             self._through(ends)
         except (StopIteration, KeyboardInterrupt) as error:
-            evolution.problem.processes.check_stop(error)
-            evolution.status = Status.STOPPED
-            evolution.message = f"After {counted(len(evolution.steps), 'step')}."
+            stop(evolution, error)
             return
         if self.too_coarse > self.accuracy:
             reason = f"the time error is still about {self.too_coarse:.2g}"
@@ -152,9 +150,7 @@ class Increments:
                 log.info("step to time %g: difference %.2g, halved", end, apart)
                 pending += [(end, level + 1), (0.5 * (now + end), level + 1)]
                 continue
-            if status is not Status.CONVERGED:
-                evolution.status = status
-                evolution.message = f"In the step to time {where:g}: {message}"
+            say_ending(evolution, where, status, message)
             if not status.is_success:
                 return
             if apart > allowed:

@@ -63,6 +63,20 @@ def check_refined(step: Problem) -> None:
             require_covered(step, f"error=... with {feature}", covers)
 
 
+def say_ending(evolution: Evolution, time: float, status: Status, message: str) -> None:
+    """Keep how the step to a time ended, unless it converged."""
+    if status is not Status.CONVERGED:
+        evolution.status = status
+        evolution.message = f"In the step to time {time:g}: {message}"
+
+
+def stop(evolution: Evolution, error: BaseException) -> None:
+    """End a history where a monitor or the user has stopped it."""
+    evolution.problem.processes.check_stop(error)
+    evolution.status = Status.STOPPED
+    evolution.message = f"After {counted(len(evolution.steps), 'step')}."
+
+
 @dataclass(eq=False)
 class Run:
     """The steps of a history that are done, and those that are pending.
@@ -145,9 +159,7 @@ class Run:
                     )
                     self.pending += [(time, level + 1), (middle, level + 1)]
                     continue
-                if status is not Status.CONVERGED:
-                    evolution.status = status
-                    evolution.message = f"In the step to time {time:g}: {message}"
+                say_ending(evolution, time, status, message)
                 if not status.is_success:
                     return
                 if self.file is not None:
@@ -155,9 +167,7 @@ class Run:
                 if self.monitor is not None:
                     self.problem.processes.show(self.monitor, evolution.steps[-1])
         except (StopIteration, KeyboardInterrupt) as error:
-            self.problem.processes.check_stop(error)
-            evolution.status = Status.STOPPED
-            evolution.message = f"After {counted(len(evolution.steps), 'step')}."
+            stop(evolution, error)
 
     @property
     def _now(self) -> float | None:
