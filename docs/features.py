@@ -72,8 +72,9 @@ A method may cover two features but not both at once. These pairs are refused, t
 - Bounds, goals and brackets of two bodies, and of parts that contact alone holds, are for plane
   problems without friction. The first boundary of a pair must be straight, and the bodies are not
   tied.
-- `evolve(error=...)` with Hill's criterion or sub-elements needs triangles or tetrahedra and
-  `order=1`. Quadrilaterals and hexahedra are cut into these, with displacements of order 2.
+- `evolve(error=...)` with Hill's criterion, sub-elements or bodies of revolution, which it covers
+  too, needs triangles or tetrahedra and `order=1`. Other quadrilaterals and hexahedra are cut into
+  these, with displacements of order 2.
 - Goals with Hill's criterion need kinematic hardening alone: no isotropic hardening, law or rate.
 - Receipts of rollers are for those along an axis. They need
   obstacles that are affine on each facet of the contact boundary, and supports that hold each

@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 UNCUT = (Status.STOPPED, Status.MESH_LIMIT)
 """Statuses that a shorter step would not change."""
 
-CONSTANT = ("anisotropic yield", "cyclic hardening")
+CONSTANT = ("anisotropic yield", "cyclic hardening", "axisymmetric")
 """Features whose bounds need a plastic strain that is constant on each element."""
 
 IN_MEMORY = 2
@@ -59,7 +59,7 @@ def check_refined(step: Problem) -> None:
     check_on_simplices(step)
     for feature in CONSTANT:
         if FEATURES[feature].found(step):
-            covers = COVERS - {"order 2", "quadrilaterals", "hexahedra"}
+            covers = COVERS - {"order 2", "quadrilaterals", "hexahedra"} | {feature}
             require_covered(step, f"error=... with {feature}", covers)
 
 
