@@ -31,6 +31,7 @@ from ngepc import (
     primal_newton,
     semismooth_newton,
 )
+from ngepc.discretisation.contact_step import with_travel
 from ngepc.studies.contact_problems import fitted, roller
 
 LAMBDA, MU, SQUEEZE = 1000.0, 500.0, 0.02
@@ -571,3 +572,22 @@ def test_a_cylinder_on_a_block_is_felt_below_only(order, friction):
     weight = -result.applied_force[1]
     assert result.equilibrium.reactions["base"][1] == pytest.approx(weight, rel=1e-3)
     assert result.contact_force == pytest.approx(weight, rel=6e-3)
+
+
+def test_no_travel_opens_what_is_glued():
+    """The load lifts the upper body, which an obstacle would stop; the lower one holds it."""
+    contact = [Contact("below", "above", tied=True), "top"]
+    supports = {"left": (0, None), "bottom": (None, 0)}
+    lifted = {"top": (0.0, 1.0)}
+    problem = Problem(
+        *(APART, ELASTIC, None, lifted),
+        prescribed=supports,
+        contact=contact,
+        gap=1.0,
+        order=1,
+    )
+    rest = solved(problem).state.discrete.at_rest()
+    above = np.array([v.point[1] > 1 - 1e-9 for v in APART.vertices])
+    z = rest.body.floating.rigid_part(above[:, None] * np.array([0.0, 1e-3]))
+    assert np.vdot(rest.body.load, z) > 0
+    assert with_travel(rest, z, np.zeros_like(rest.contact)) is z
