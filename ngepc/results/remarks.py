@@ -24,6 +24,9 @@ from ngepc.results.outcome import Status
 UNBALANCED = 1e-3
 """Loads and reactions that differ by a larger part of the loads are said."""
 
+UNSTRAINED = 1e-12
+"""Forces below this part of |K| |u| are rounding errors where no load acts."""
+
 UNSHARED = 1e-3
 """Contact forces that are determined up to a smaller part of themselves are not spoken of."""
 
@@ -50,12 +53,14 @@ def remarks_on(result: Any, points: Points | None, hidden: float) -> list[str]:
     ``points`` have looked at the data of the material, if there are such; ``hidden`` is the deepest
     overlap between nodes.
     """
+    still = unstrained(result)
+    few = few_facets(result.contact_facets, result.contact_nodes)
     found = [
-        out_of_balance(result),
+        still or out_of_balance(result),
         without_touch(result),
         without_motion(result),
         deformed_much(result),
-        few_facets(result.contact_facets, result.contact_nodes),
+        "" if still else few,
         shared_in_many_ways(result),
         undetermined(result),
         overlaps_between_nodes(result, hidden),
@@ -70,6 +75,18 @@ def remarks_on(result: Any, points: Points | None, hidden: float) -> list[str]:
 def longest_way(result: Any) -> float:
     """The largest component of u at a node (length)."""
     return result.problem.processes.maximum(np.abs(result.state.u))
+
+
+def unstrained(result: Any) -> str:
+    """A remark where obstacles and supports move a body and do not press it."""
+    balance = result.equilibrium
+    pressed = float(np.linalg.norm(balance.contact))
+    if not result.status.is_solution or balance.applied.any() or not pressed:
+        return ""
+    held = max(map(np.linalg.norm, balance.reactions.values()), default=0.0)
+    if max(pressed, held) > UNSTRAINED * result.state.trial_forces:
+        return ""
+    return "No load acts, and the contact forces are rounding errors."
 
 
 def out_of_balance(result: Any) -> str:

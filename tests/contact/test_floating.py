@@ -134,6 +134,23 @@ def test_what_friction_holds_only_just_is_said_without_a_tolerance():
     assert "tolerance" not in result.message
 
 
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_what_is_moved_until_it_touches_is_not_called_out_of_balance(friction):
+    """Supports move the block up to the obstacle; then 1e-8 further, which presses it."""
+    for further, said in ((0.0, True), (1e-8, False)):
+        problem = Problem(
+            block.structured_mesh(4, 4, simplices=True),
+            *(SOFTER, None),
+            prescribed={"clamped": (0, 0.1 + further)},
+            contact="contact",
+            gap=0.1,
+            friction=friction,
+        )
+        message = semismooth_newton(problem).message
+        assert ("the contact forces are rounding errors" in message) == said
+        assert "out of balance" not in message
+
+
 def test_whatever_lifts_a_block_is_said():
     up = on_the_floor((4, 4), traction={"contact": (0.0, 4.0)})
     result = semismooth_newton(up)
