@@ -3,11 +3,11 @@
 A body of triangles or tetrahedra K has forces f and tractions g, is held on parts of its boundary
 and may touch an obstacle, u . n <= psi.  With the mean m and the deviator e of eps(u) its energy is
     J(u) = int phi(eps(u)) - f . u - boundary int g . u,
-    phi  = min over p of  B/2 m^2 + mu |e - p_0 - p|^2 - mu |p_0|^2 + a : p + h/2 |p|^2 + beta |p|.
+    phi = min over p of  |C (eps - p_0 - p)|^2/(2 C) - k + a : p + h/2 |p|^2 + beta |p|.
 C has the modulus B of m, and 2 mu of e.  An admissible u has the trial stress t = C (eps(u) - p_0);
 S is a stress in equilibrium with f and g - P n, where P >= 0.  With s = dev t - a, x = dev S - a,
 the solution v, and the work R of forces that S leaves, |R| <= b (2 J(u) - 2 J(v))^(1/2),
-    phi = |t|^2/(2 C) - mu |p_0|^2 + E,  E = -([|s| - beta]_+)^2/(4 mu + 2 h),
+    phi = |t|^2/(2 C) - k + E,  E = -([|s| - beta]_+)^2/(4 mu + 2 h),
     J(u) - J(v) <= int |S - t|^2/(2 C) + E + ([|x| - beta]_+)^2/(2 h) + int P (psi - u . n) + R.
 A factor times Q = int F . v + int G . v + int c P - int (reaction) . V is a goal.  The second layer
 of arrays has F, G, c, V, and z, T, q in the places of u, S, P.  With t_z = C eps(z), |q| <= P,
@@ -106,7 +106,7 @@ def arrays_in(words: ndarray, header: dict) -> dict:
     k, t = (math.comb(n + header["order"], n) for n in (N, N - 1))
     shapes = {
         "points": (N, P), "cells": (k, K), "other": (N + 1, K), "u": (L, N, P),
-        "stress": (L, k, c, K), "law": (2 + 2 * c, K), "body_force": (L, N, K),
+        "stress": (L, k, c, K), "law": (4 + 2 * c, K), "body_force": (L, N, K),
         "passed": (N, N + 1, K), "arm": (N, K), "tangent": (2 * L - 2, K), "held": (N, B),
         "traction": (L, N, t, B), "gap": (L, t, B), "pressure": (L, t, B),
     }  # fmt: skip
@@ -197,11 +197,11 @@ class Body:
         strain *= -self.degree / (self.N * self.volume)
         self.moduli = np.stack([self.bulk] + [2 * self.mu] * (self.stress.shape[2] - 1))
         self.trial = self.moduli * strain
-        self.trial[0, :, 1:] -= np.split(self.law[4:], 2)[0]
+        self.trial[0] -= self.law[5 : 5 + len(self.moduli)]
         self.parts = self.stress, self.trial, self.moduli, self.law
         grad = self.degree**1.5 * self.N * self.steep * size(change) * self.moduli[:2]
         S, t = (np.array([size(a[:, :, 0]), size(a[:, :, 1:])]) for a in self.parts[:2])
-        S[1] += 2 * size(self.law[4:])
+        S += 2 * size(self.law[5:])
         w = (S + grad) * (S + t + self.wrong * grad) / np.array([self.bulk, self.soft])
         w = self.volume * w.sum(axis=0) + 2 * self.N * np.abs(self.u).max() * self.load
         self.rest = 30 * self.L * self.wrong * w
@@ -239,13 +239,13 @@ class Body:
         if self.degree == 2:  # as quadratics
             trial = trial[:, PAIRS[self.N + 1]].mean(axis=1)
         mu, h, beta = law[1:4]
-        start, back = np.split(law[4:], 2)
+        back = law[5 + len(moduli) :]
         s = trial[0, :, 1:] - back
         x = stress[0, :, 1:] - back
         p, length = outside(s, beta)
         mean = np.minimum(np.sqrt(inner(p, p)), length.mean(axis=0))
         E = (beta * mean + inner(p, p / 2 - s)) / (2 * mu + h)
-        J = inner(trial[0], trial[0] / moduli) / 2 + E - size(start) ** 2 / (4 * mu)
+        J = inner(trial[0], trial[0] / moduli) / 2 + E - law[4]
         excess, _ = outside(x, beta)
         apart = inner(x, x) - beta * (2 * size(x.mean(axis=0)) - beta)
         missing = stress - trial

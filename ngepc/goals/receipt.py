@@ -53,7 +53,7 @@ from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 from ngepc.results.files import check_writable
 
-COVERS = BOUNDED - {"friction", "hardening law", "initial strain", "plane stress"}
+COVERS = BOUNDED - {"friction", "hardening law", "plane stress"}
 COVERS -= {"anisotropic yield", "cyclic hardening", "springs"}
 COVERS -= {"rate", "two bodies", "held by contact", "hexahedra", "thickness"}
 COVERS -= {"axisymmetric"}
@@ -122,7 +122,7 @@ def write_receipt(
         If ``result`` is not the result of a solver or of ``goal_bound``.
     ValueError
         For problems without a receipt; the message names the reason: friction, hardening laws,
-        initial strains, plane stress, data that are known from samples only, loads and histories
+        plane stress, data that are known from samples only, loads, initial strains and histories
         that vary inside elements, obstacles that are not affine on facets, gaps that are closed
         where supports move vertices of the contact boundary, bodies in several pieces; and
         everything that error bounds do not cover.
@@ -296,6 +296,8 @@ def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
         ("initial_hardening", law.back),
         ("initial_plastic_strain", law.initial),
         ("initial_hardening (alpha_1)", law.beta[:, None]),
+        ("initial_strain", np.broadcast_to(law.distortion, law.initial.shape)),
+        ("initial_strain", np.broadcast_to(law.swelling, law.beta.shape)[:, None]),
     ):
         by_cell = values.reshape(-1, bound_data.each, values.shape[1])
         if np.ptp(by_cell, axis=1).any():
@@ -458,7 +460,7 @@ def constant_force(problem: Problem) -> np.ndarray:
 
 
 def law_rows(bound_data: BoundData) -> np.ndarray:
-    """Material and history of each cell: moduli, and coordinates of deviators."""
+    """Material and history of each cell: moduli, stored energy, and coordinates of stresses."""
     law = bound_data.discrete.law
     material = bound_data.problem.material
     basis = bound_data.problem.kinematics.basis
@@ -471,9 +473,11 @@ def law_rows(bound_data: BoundData) -> np.ndarray:
     lame = np.asarray(bound_data.discrete.points.at(material.lame_lambda))
     bulk = basis.shape[1] * lame + law.two_mu
     moduli = np.column_stack([bulk, law.two_mu / 2, law.hardening, law.beta])
-    start = law.two_mu[:, None] * law.initial
-    rows = np.hstack([moduli, tensors(start), tensors(law.back)])
-    return rows[:: bound_data.each]
+    start = law.two_mu[:, None] * (law.initial + law.distortion)
+    swelling = bulk * law.swelling / np.sqrt(basis.shape[1])
+    stored = law.two_mu / 2 * (law.initial**2).sum(axis=1)
+    rows = [moduli, np.column_stack([stored, swelling]), tensors(start)]
+    return np.hstack([*rows, tensors(law.back)])[:: bound_data.each]
 
 
 def vertex_tractions(boundary: Boundary) -> np.ndarray:

@@ -130,7 +130,7 @@ def in_a_row(at: np.ndarray) -> np.ndarray:
 
 def back_stress(r: check_receipt.Body) -> np.ndarray:
     """The back stress, in coordinates of deviators, (c - 1, K)."""
-    return np.split(r.law[4:], 2)[1]
+    return r.law[5 + len(r.moduli) :]
 
 
 def trial_stress(r: check_receipt.Body) -> np.ndarray:

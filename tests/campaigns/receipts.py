@@ -285,7 +285,8 @@ class Judge:
         trial = 2 * mu * (deviator(e) - p_0) - back
         size = np.sqrt((trial**2).sum(axis=(2, 3), keepdims=True))
         over = np.maximum(size - beta, 0.0) / np.where(size > 0, size, 1.0)
-        volume = np.trace(e, axis1=2, axis2=3)[..., None, None]
+        volume = np.trace(e - symmetric(a["initial"]), axis1=2, axis2=3)
+        volume = volume[..., None, None]
         kept = trial * (1 - 2 * mu / (2 * mu + h) * over)
         return B * volume * np.eye(self.n) + kept + back, trial
 
@@ -379,16 +380,17 @@ class Judge:
             return (T**2).sum(axis=(2, 3))
 
         m, e = deviator(eps)
-        p_0 = deviator((a["initial"] + a["initial"].swapaxes(2, 3)) / 2)[1]
+        m_0, p_0 = deviator(symmetric(a["initial"]))
         back = deviator((a["back"] + a["back"].swapaxes(2, 3)) / 2)[1]
         e = e - p_0
         s = 2 * mu[..., None, None] * e - back
         over = np.maximum(np.sqrt(square(s)) - beta, 0.0)
-        phi = B * (n * m) ** 2 / 2 + mu * (square(e) - square(p_0))
+        phi = B * (n * (m - m_0)) ** 2 / 2 + mu * square(e) - a["stored"][:, None]
         phi -= over**2 / (2 * (2 * mu + h))
         p, d = deviator(S)
         over = np.maximum(np.sqrt(square(d - back)) - beta, 0.0)
-        dual = p**2 / (2 * B) + square(d + 2 * mu[..., None, None] * p_0) / (4 * mu)
+        dual = p**2 / (2 * B) + n * p * m_0 + a["stored"][:, None]
+        dual += square(d + 2 * mu[..., None, None] * p_0) / (4 * mu) - mu * square(p_0)
         dual += over**2 / (2 * h)
         u = np.einsum("qi,kia->kqa", bernstein(shares, local.shape[1]), local)
         phi -= np.einsum("kqa,ka->kq", u, a["body_force"])
@@ -436,12 +438,13 @@ def by_cells(arrays, header):
     for column, name in enumerate(("bulk", "mu", "hardening", "beta")):
         found[name] = law[:, column]
     found["lame_lambda"] = (found.pop("bulk") - 2 * found["mu"]) / n
-    start, back = np.split(law[:, 4:], 2, axis=1)
+    found["stored"] = law[:, 4]
+    swelling, start, back = np.split(law[:, 5:], [1, law.shape[1] // 2 - 2], axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        initial = start / (2 * law[:, 1:2])
-    for name, values in (("initial", initial), ("back", back)):
-        no_mean = np.zeros((len(values), 1))
-        found[name] = tensors(np.hstack([no_mean, values]), N, n)[:, None]
+        start = np.hstack([swelling / law[:, :1], start / (2 * law[:, 1:2])])
+    back = np.hstack([np.zeros((len(back), 1)), back])
+    for name, values in (("initial", start), ("back", back)):
+        found[name] = tensors(values, N, n)[:, None]
     for name in {"stress", "tau"} & set(found):
         found[name] = tensors(found[name], N, n)
     for name in {"traction", "goal_traction"} & set(found):

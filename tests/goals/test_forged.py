@@ -298,9 +298,9 @@ def test_claims_are_needed(receipt, tmp_path):
 
 def test_sizes_of_arrays_whose_sum_overflows():
     """2^32 bytes: numpy would read arrays from before and after the file."""
-    sizes = 2217644, 16000000, 40
+    sizes = 2967644, 15000000, 40
     header = {"kinematics": "two-dimensional", "order": 1, "sizes": sizes}
-    numbers = 4 * sizes[0] + 33 * sizes[1] + 10 * sizes[2]
+    numbers = 4 * sizes[0] + 35 * sizes[1] + 10 * sizes[2]
     assert numbers - 2**29 == 64
     words = np.broadcast_to(np.zeros(1), numbers)
     with pytest.raises(ValueError, match=r"^receipt: too large"):

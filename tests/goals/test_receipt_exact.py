@@ -92,7 +92,7 @@ class Rectangle:
             "points": self.points.T, "cells": self.cells, "other": self.other,
             "u": np.stack([values.T for values in self.values]),
             "stress": np.tile(stress.T[:, None, :, None], (1, 3, 1, K)),
-            "law": np.append(law, [0] * 4)[:, None].repeat(K, axis=1),
+            "law": np.append(law, [0] * 6)[:, None].repeat(K, axis=1),
             "body_force": np.zeros((2, 2, K)), "passed": np.zeros((2, 3, K)),
             "arm": np.zeros((2, K)), "tangent": np.zeros((2, K)),
             "held": self.held, "traction": self.tractions,
