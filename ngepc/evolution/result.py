@@ -260,10 +260,6 @@ class Evolution(Ending):
             off = f", time error about {100 * self.time_error:.2g} % (estimate)"
         return f"<Evolution: {self.status}, {counted(len(self.steps), 'step')}{reached}{off}>"
 
-    def __str__(self) -> str:
-        """The summary on one line, and the message below it."""
-        return "\n".join(filter(None, (repr(self), self.message)))
-
     @cached_property
     def distance_bound(self) -> DistanceBound:
         """How far the last step is from that of the continuous problem with the same increments.
