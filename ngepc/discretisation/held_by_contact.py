@@ -100,8 +100,10 @@ class Program:
         self._limits.append((hstack([matrix, idle], format="csr"), most))
 
     def solved(self) -> tuple[float, np.ndarray]:
-        """The least sum, and the forces."""
+        """The least sum, and the forces; zeros if the solver fails, which proves nothing."""
         matrices, most = zip(*self._limits, strict=True)
         limits = {"A_ub": vstack(matrices), "b_ub": np.concatenate(most)}
         found = scipy.optimize.linprog(**self._given, **limits)
+        if found.x is None:
+            return 0.0, np.zeros(len(self._given["c"]) - self._left)
         return float(found.fun), found.x[: -self._left]

@@ -95,7 +95,7 @@ def solved(
         # Newton steps do not reduce the cost of clearing the obstacle between the nodes
         left = bound.algebraic - (bound.state.energy - result.primal_energy)
         if left <= ALGEBRAIC_SHARE * bound.total:
-            part = left / bound.total if bound.total > 0 else 0.0
+            part = max(left, 0.0) / bound.total if bound.total > 0 else 0.0
             ending = (
                 f"Newton's method stopped after {counted(steps, 'step')}: its share of the error "
                 f"bound is {part:.1e}."
