@@ -15,6 +15,7 @@ import numpy as np
 
 from ngepc.checks.sentences import counted
 
+from .cards import Card, cards_of
 from .cells import FACETS, SHAPES
 
 SOLIDS = {
@@ -63,14 +64,6 @@ class Cells(NamedTuple):
     data: np.ndarray
 
 
-class Card(NamedTuple):
-    """A keyword with its parameters, both in capitals, and the rows of data below it."""
-
-    keyword: str
-    parameters: dict[str, str]
-    rows: list[list[str]]
-
-
 @dataclass
 class Deck:
     """What a deck says of its mesh, with the attributes of a ``meshio.Mesh``."""
@@ -97,72 +90,7 @@ def read_deck(path: Path) -> Deck:
     ValueError
         If the deck is damaged, or is made of several parts.
     """
-    return _Reader(list(_cards(path))).deck()
-
-
-def _cards(path: Path, including: tuple[Path, ...] = ()) -> Iterator[Card]:
-    """The cards of a deck and of the files that it includes.
-
-    ``including`` are the files on the way from the deck to this one.
-    """
-    if path in including:
-        raise ValueError(f"{path} includes itself")
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    lines = [line.strip() for line in lines if line.strip()]
-    lines = [line for line in lines if not line.startswith("**")]
-    card = None
-    number = 0
-    while number < len(lines):
-        line = lines[number]
-        number += 1
-        if not line.startswith("*"):
-            if card is not None:
-                card.rows.append([entry.strip() for entry in line.split(",")])
-            continue
-        while line.endswith(",") and number < len(lines) and lines[number][0] != "*":
-            if _is_data(lines[number]):
-                break
-            line += lines[number]
-            number += 1
-        if card is not None:
-            yield card
-        card = _card(line)
-        source = card.parameters.get("INPUT")
-        if source and card.keyword == "INCLUDE":
-            yield from _cards(_included(path, source), (*including, path))
-            card = None
-        elif source and card.keyword in ("NODE", "ELEMENT"):
-            text = _included(path, source).read_text(errors="replace")
-            card.rows.extend(
-                [entry.strip() for entry in row.split(",")]
-                for row in text.splitlines()
-                if row.strip() and not row.startswith("*")
-            )
-    if card is not None:
-        yield card
-
-
-def _included(path: Path, source: str) -> Path:
-    """The file that a deck names with INPUT=, beside the deck unless its path is absolute."""
-    found = path.parent / source.strip("\"'")
-    if not found.is_file():
-        raise FileNotFoundError(f"{path} needs {found}: there is no such file")
-    return found
-
-
-def _is_data(line: str) -> bool:
-    """Whether a line below a keyword that ends in a comma is data, not more parameters."""
-    return "=" not in line and line.upper().rstrip(" ,") != "GENERATE"
-
-
-def _card(line: str) -> Card:
-    """A keyword line without its rows."""
-    keyword, *rest = line[1:].split(",")
-    parameters = {}
-    for part in rest:
-        name, _, value = part.partition("=")
-        parameters[name.strip().upper()] = value.strip()
-    return Card(" ".join(keyword.upper().split()), parameters, [])
+    return _Reader(list(cards_of(path))).deck()
 
 
 class _Elements(NamedTuple):
