@@ -174,7 +174,8 @@ class AdjointProblem(AdjointConditions):
 
     def pressed_rows(self, forces: np.ndarray, wanted: np.ndarray) -> Held:
         """The solution for forces (nodes, N) with values of the active rows alone."""
-        free = Held(self.tangent.solve(forces), np.zeros(len(wanted)))
+        z = self.tangent.solve(forces) if forces.any() else np.zeros_like(forces)
+        free = Held(z, np.zeros(len(wanted)))
         return self.rows.held(free, self.presses, wanted)
 
     def energy(self, start: Start) -> float:
