@@ -173,6 +173,7 @@ class AirySpace:
         self.free = np.concatenate(free)
         self.numbers = np.arange(len(self.free))
         self._times = np.bincount(self.unknowns.ravel(), minlength=len(self.free))
+        self._of_slices: dict[tuple[int, int], AirySpace] = {}
         self._set_maps()
 
     def _held(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -237,8 +238,18 @@ class AirySpace:
         return result
 
     def of(self, chosen: np.ndarray | slice) -> AirySpace:
-        """The space on some of the triangles, with the same unknowns."""
+        """The space on some of the triangles, with the same unknowns; those of slices are kept."""
+        if not isinstance(chosen, slice):
+            return self._of(chosen)
+        key = chosen.start, chosen.stop
+        if key not in self._of_slices:
+            self._of_slices[key] = self._of(chosen)
+        return self._of_slices[key]
+
+    def _of(self, chosen: np.ndarray | slice) -> AirySpace:
+        """The same, made anew."""
         part = copy(self)
+        part._of_slices = {}
         for name in self.of_triangles:
             values = getattr(self, name)
             if isinstance(chosen, slice):
@@ -250,7 +261,7 @@ class AirySpace:
 
     def alone(self, chosen: np.ndarray) -> AirySpace:
         """The space on some of the triangles; unknowns that others share are not free."""
-        part = self.of(chosen)
+        part = self._of(chosen)
         times = np.bincount(part.unknowns.ravel(), minlength=len(self.free))
         part.numbers = np.flatnonzero(times)
         part.unknowns = (np.cumsum(times > 0) - 1)[part.unknowns]

@@ -136,22 +136,20 @@ class BoundData:
     ) -> np.ndarray:
         """An equilibrated stress whose facet moments are near the means of both sides.
 
-        ``own`` (nt, N + 1, N, N) are the outward facet moments of each cell; ``needed`` and
+        ``own`` (nt, N + 1, N or 1, N) are the outward facet moments of each cell; ``needed`` and
         ``given`` are arguments of ``Patches.repaired``; ``table``, as ``Element.of_data``, maps the
         moments to stresses (nt, places, c).
         """
         c = self.cells
         N = self.cells.N
-        signs = c.sign[:, :, None, None]
-        count = np.where(c.outer, 1.0, 2.0)[:, None, None]
-        mean = c.sums(own * signs).reshape(-1, N, N) / count
+        mean = c.means_of_sides(own)
         repaired = self.patches.repaired(mean, needed, given).reshape(-1, N)
         components = len(self.piola[0])
-        stress = by_cells(len(signs), len(table) // components, components)
+        stress = by_cells(len(own), len(table) // components, components)
         columns = [column.copy() for column in repaired.T]
-        slots = c.slot.reshape(len(signs), -1).T.copy()
+        slots = c.slot.reshape(len(own), -1).T.copy()
         facets = np.repeat(c.sign.T, N, axis=0)
-        for cells in portions(len(signs)):
+        for cells in portions(len(own)):
             around = [column[slots[:, cells]] * facets[:, cells] for column in columns]
             inverse = c.inverse[cells].transpose(1, 2, 0)
             moments = np.einsum("ckt,dct->kdt", np.stack(around), inverse)

@@ -74,6 +74,7 @@ class TwoLevels:
             beside.add(cells, each.transpose(2, 0, 1, 3))
             among.add(cells, rest[:, :, None])
         self._take_edges(beside.matrix(self._count), among.matrix(self._rows.count))
+        self._damped_blocks = DAMPED * self._vertices.inverse_blocks(self._free)
         self._whole: TwoLevels | None = None
 
     def _take_edges(self, beside: csr_matrix, among: csr_matrix) -> None:
@@ -125,8 +126,7 @@ class TwoLevels:
         chosen = np.zeros(self._graph.count, dtype=bool)
         chosen[direct] = True
         result._inverse = self._vertices.inverse(self._free & chosen)
-        inverse_blocks = self._vertices.inverse_blocks(self._free & ~chosen)
-        result._inverse_blocks = DAMPED * inverse_blocks
+        result._inverse_blocks = np.where(chosen, 0.0, self._damped_blocks)
         result._take_modes()
         return result
 

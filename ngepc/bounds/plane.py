@@ -91,37 +91,6 @@ def strain_of(compliance: np.ndarray, z: np.ndarray) -> np.ndarray:
     return np.einsum("tqcd,tqd->tqc", compliance, z)
 
 
-class TangentCompliance:
-    """The quadratic form 1/2 z . H z of a tangent's compliance, used in place of phi*.
-
-    H has the shape (cells, points, c, c).
-    """
-
-    def __init__(self, compliance: np.ndarray) -> None:
-        self.compliance_of = compliance
-
-    def of(self, cells: np.ndarray | slice) -> TangentCompliance:
-        """The same on some of the cells."""
-        return TangentCompliance(self.compliance_of[cells])
-
-    def completed(self, z: np.ndarray) -> Completed:
-        """The stress; nothing yields."""
-        none = np.zeros(z.shape[:2])
-        return Completed(z[..., 0], z, none, z, none, none)
-
-    def sought(self, at: Completed) -> np.ndarray:
-        """The quadratic form at stresses, (cells, points)."""
-        return np.einsum("tqc,tqc->tq", at.deviator, self.gradient(at)) / 2
-
-    def gradient(self, at: Completed) -> np.ndarray:
-        """H z, (cells, points, c)."""
-        return strain_of(self.compliance_of, at.deviator)
-
-    def compliance(self, at: Completed) -> np.ndarray:
-        """H."""
-        return self.compliance_of
-
-
 OF_MODEL = ("centre", "at_centre", "_gradient", "compliance", "_yields")
 
 
@@ -261,19 +230,18 @@ ON_SIDES = (
 
 
 def missed_energy(
-    functional: StressFunctional, compliance: np.ndarray, tau: np.ndarray
+    space: AirySpace, compliance: np.ndarray, wanted: np.ndarray, tau: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Half the square of what stresses at the points miss of those of the strain of ``functional``.
+    """Half the square of what stresses at the points miss of those of the ``wanted`` strain.
 
     With d = tau - H^-1 eps it is 1/2 d : H d, integrated over each triangle.  The second result is
     minus the derivative of its sum by the unknowns of the Airy functions.
     """
-    space = functional.space
     energy = np.empty(len(tau))
     forces = np.empty(space.unknowns.shape)
     for cells in portions(len(tau)):
         H = compliance[cells]
-        off = tau[cells] - solutions(H, functional.strain[cells])
+        off = tau[cells] - solutions(H, wanted[cells])
         strain = strain_of(H, off)
         square = np.einsum("tqc,tqc->tq", off, strain) @ space.rule.weights
         energy[cells] = space.area[cells] * square / 2
@@ -339,12 +307,10 @@ class PlaneBoundData(BoundData):
         """
         stress = near.stress_change(tangent)
         at_points = stress_coordinates(z.trace, z.deviator, 0.0)
-        quadratic = TangentCompliance(search.compliance)
         wanted = stored_by_cells(self.on_parts(at_points))
-        functional = StressFunctional(self.space, quadratic, wanted)
         w = self.foundation.affine(near.u)
         tau = self.admissible(stress, self.foundation.added(moments, w))
-        missed, right = missed_energy(functional, search.compliance, tau)
+        missed, right = missed_energy(self.space, search.compliance, wanted, tau)
         system = search.system.focused(missed, ADJOINT_SHARE, ADJOINT_RINGS)
         bound = float(missed.sum() + self.foundation.gaps(z.u, w).sum())
         x, energy = system.solve(right, bound, ADJOINT_GAIN, MOST_STEPS)
@@ -367,10 +333,9 @@ class PlaneBoundData(BoundData):
         if self.each == 3:
             sigma = element.tensors(np.matmul(ON_SIDES, self.at_corners(stress)))
             own = np.einsum("tka,tkvab->tkvb", slopes, sigma.reshape(-1, 3, 2, 2, 2))
-        own = -np.broadcast_to(own, (len(own), 3, 2, 2))
         table = np.matmul(self.space.rule.shares, element.of_data.reshape(3, 3, -1))
         return self.built(
-            own, needed - self.carried.nodal, given, table.reshape(-1, 15)
+            -own, needed - self.carried.nodal, given, table.reshape(-1, 15)
         )
 
 

@@ -101,21 +101,25 @@ class Simplices:
 
     def at_nodes(self, values: np.ndarray, vertices: np.ndarray) -> np.ndarray:
         """Sums (nv, N) at the vertices of values (..., N) given for ``vertices`` (...)."""
-        places = vertices.ravel()
-        count = len(self.points)
-        columns = values.reshape(-1, self.N).T
-        return np.stack(
-            [np.bincount(places, v, minlength=count) for v in columns], axis=1
-        )
+        return sums_at(vertices, values, len(self.points))
 
     def sums(self, moments: np.ndarray) -> np.ndarray:
         """Sums over both sides of each facet, (N nf, N), of vectors at ``slot`` (nt, .., N)."""
-        places = self.slot.ravel()
-        columns = moments.reshape(-1, self.N).T
-        count = self.facets.size
-        return np.stack(
-            [np.bincount(places, v, minlength=count) for v in columns], axis=1
-        )
+        return sums_at(self.slot, moments, self.facets.size)
+
+    def means_of_sides(self, moments: np.ndarray) -> np.ndarray:
+        """Means over the sides of each facet, (nf, N, N), of moments outward of its first cell.
+
+        ``moments`` (nt, N + 1, N or 1, N) are outward of each cell; one of a facet is that at each
+        of its vertices.
+        """
+        signed = moments * self.sign[:, :, None, None]
+        count = np.where(self.outer, 1.0, 2.0)[:, None, None]
+        if moments.shape[2] == 1:
+            sums = sums_at(self.facet_of, signed, len(self.facets))[:, None]
+        else:
+            sums = self.sums(signed).reshape(-1, self.N, self.N)
+        return np.broadcast_to(sums / count, (len(count), self.N, self.N))
 
     def around(self, chosen: np.ndarray, rings: int) -> np.ndarray:
         """Numbers of the chosen cells and of ``rings`` (one or more) rings of cells around them."""
@@ -125,6 +129,13 @@ class Simplices:
             there[self.nodes[chosen]] = True
             chosen = np.flatnonzero(reduce(np.logical_or, [there[v] for v in corners]))
         return chosen
+
+
+def sums_at(places: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Sums (count, N) of vectors (..., N) at ``places`` (...)."""
+    columns = values.reshape(places.size, -1).T
+    flat = places.ravel()
+    return np.stack([np.bincount(flat, v, minlength=count) for v in columns], axis=1)
 
 
 def sorted_rows(numbers: np.ndarray) -> np.ndarray:
