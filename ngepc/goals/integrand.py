@@ -110,6 +110,11 @@ class BoundPart:
         else:
             self._own = own_coefficients(bound_data, state, self._sigma.shape[1])
 
+    @cached_property
+    def _discrete_stress(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and deviator of the stress s(eps_h) at the points."""
+        return self._bound_data.discrete.law.stress(self._state.at)
+
     def strain(self, adjoint: Adjoint) -> tuple[np.ndarray, np.ndarray]:
         """Trace and deviator of the strain of an adjoint at the points.
 
@@ -201,18 +206,19 @@ class BoundPart:
     ) -> Sides:
         """The supremum for strains that are constant on the cells."""
         law = self._bound_data.discrete.law
-        _, stress = law.stress(self._state.at)
+        _, stress = self._discrete_stress
         kept = dots(stress - law.back, deviator)
         two_mu = self._result.law.two_mu[:, None, None]
         own_mean = (law.bulk * trace)[:, None]
         mean = (tau[..., 0] - own_mean) * half_root(law.bulk)[:, None]
         T = stored_by_cells(tau[..., 1:])
         T /= two_mu
-        return Sides.of_adjoint(self._result, T, deviator[:, None], mean, kept)
+        strain = stored_by_cells(deviator[:, None])
+        return Sides.of_adjoint(self._result, T, strain, mean, kept)
 
     def _works(self, trace: np.ndarray, deviator: np.ndarray) -> np.ndarray:
         """s(eps_h) : eps(z) on the cells, (cells,)."""
-        mean, stress = self._bound_data.discrete.law.stress(self._state.at)
+        mean, stress = self._discrete_stress
         return mean * trace + dots(stress, deviator)
 
 

@@ -33,6 +33,7 @@ from ngepc.goals.pieces import (
     applied,
     largest_of,
     mean_products,
+    mean_squares,
     pieces_last,
     products,
 )
@@ -103,6 +104,21 @@ class ResultOnCells:
     size: np.ndarray
 
     @cached_property
+    def square(self) -> np.ndarray:
+        """Integrals of the square of B/(2 K^(1/2)) over the cells, (cells,)."""
+        return self.size * mean_squares(self.mean.T)
+
+    @cached_property
+    def of_factor(self) -> np.ndarray:
+        """Integrals of -S : s over the cells, (cells,)."""
+        return -self.size * mean_products(self.sigma, self.stress)
+
+    @cached_property
+    def stress(self) -> np.ndarray:
+        """Coefficients of s, of the shape of ``trial``."""
+        return self.law.two_mu[:, None, None] * self.trial
+
+    @cached_property
     def of_trial(self) -> np.ndarray:
         """No less than the sizes of s/(2 mu_2) on the cells, (cells,)."""
         return largest_sizes(self.trial)
@@ -149,15 +165,16 @@ class Sides:
         ``kept`` (cells,) are the means of (s(eps_h) - dev alpha_0) : eps(z).
         """
         A = mean.T
-        B = result.mean.T
-        M = MEANS[len(A)]
-        pairs = (A, A), (A, B), (B, B)
-        squares = np.stack([np.einsum("kn,kn->n", M @ a, b) for a, b in pairs])
-        trial = result.law.two_mu[:, None, None] * result.trial
-        of_sign = kept - mean_products(tau, trial)
-        of_factor = -mean_products(result.sigma, trial)
-        linear = np.stack([of_sign, of_factor])
-        return cls(result, tau, strain, result.size * squares, result.size * linear)
+        weighted = MEANS[len(A)] @ A
+        size = result.size
+        pairs = (
+            size * np.einsum("kn,kn->n", weighted, other)
+            for other in (A, result.mean.T)
+        )
+        squares = np.stack([*pairs, result.square])
+        of_sign = size * (kept - mean_products(tau, result.stress))
+        linear = np.stack([of_sign, result.of_factor])
+        return cls(result, tau, strain, squares, linear)
 
     def of(self, chosen: slice | np.ndarray) -> Sides:
         """The supremum on some of the cells."""

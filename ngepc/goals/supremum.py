@@ -188,8 +188,8 @@ def smooth_means(law: ScaledLaw, pieces: Arguments) -> np.ndarray:
     elastic &= largest_of(pieces.of_v) <= law.start
     found = np.full((2, len(limit)), np.nan)
     if elastic.any():
-        exact = mean_squares(pieces.y) / (4 * law.k)
-        found[:, elastic] = exact[elastic]
+        squares = mean_squares(pieces.y.compress(elastic, axis=-1))
+        found[:, elastic] = squares / (4 * law.k[elastic])
     rest = np.flatnonzero(~elastic)
     if not len(rest):
         return found
@@ -303,8 +303,17 @@ def norm_means(A: Field, v: Field, r: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return np.where(is_sharp, sharp, upper), np.where(is_sharp, near, rough)
 
 
-def chords(law: ScaledLaw, A: Field, v: Field, chosen: np.ndarray) -> np.ndarray:
+def from_zero(law: ScaledLaw, A: Field, v: Field, chosen: np.ndarray) -> np.ndarray:
     """Coefficients of what slopes of |A + g v| from zero on exceed V by, (k, n)."""
+    found = np.maximum(v.norms.take(chosen, axis=-1) - law.start[chosen], 0.0)
+    rises = np.flatnonzero((law.H[chosen] > 0) & (largest_of(found) > 0))
+    if len(rises):
+        found[:, rises] = chords(law, A, v, chosen[rises])
+    return found
+
+
+def chords(law: ScaledLaw, A: Field, v: Field, chosen: np.ndarray) -> np.ndarray:
+    """The same by the slopes of chords, where these are flatter in the mean."""
     law = law.of_points(chosen)
     A = Field(*(part.take(chosen, axis=-1) for part in A))
     v = Field(*(part.take(chosen, axis=-1) for part in v))
@@ -323,26 +332,19 @@ def excess_means(
     """What sup F exceeds F(r) by, in the mean over pieces: upper bounds and estimates, (n,)."""
     bends = law.H > 0
     fourth = 4 * np.where(bends, law.bend, 1.0)
-    slope = law.start + 2 * law.bend * r
     before = (A.norms - A.along) * np.where(r > 0, 1 / np.maximum(r, TINY), 0.0)
     after = v.norms - v.along
-    X = v.along - slope
-    near = X
+    X = v.along - (law.start + 2 * law.bend * r)
     rests = np.flatnonzero(r == 0)
+    X[:, rests] = np.maximum(X[:, rests], 0.0)
+    after[:, rests] = 0.0
+    near = mean_squares(X)
+    square = near.copy()
     if len(rests):
-        near = X.copy()
-        near[:, rests] = np.maximum(X[:, rests], 0.0)
-        X[:, rests] = np.maximum(X[:, rests] + after[:, rests], 0.0)
-        rises = np.flatnonzero((r == 0) & bends & (largest_of(X) > 0))
-        if len(rises):
-            X[:, rises] = chords(law, A, v, rises)
-        after[:, rests] = 0.0
-    square = mean_squares(X)
+        square[rests] = mean_squares(from_zero(law, A, v, rests))
     off = mean_squares(np.maximum(after, before))
-    upper = (np.sqrt(square) + np.sqrt(off)) ** 2
-    steepest = np.maximum(np.maximum(X + after, before - X), 0.0)
-    upper = np.minimum(upper, mean_squares(steepest)) / fourth
-    near = (mean_squares(near) if len(rests) else square) / fourth
+    upper = (np.sqrt(square) + np.sqrt(off)) ** 2 / fourth
+    near /= fourth
     if bends.all():
         return upper, near
     perfect = np.where(largest_of(v.norms) > law.start, np.inf, 0.0)
