@@ -400,6 +400,18 @@ def test_no_displacement_or_stress_proves_something_false(seed):
         assert body.is_inside(body.proved(arrays | other, header))
 
 
+@pytest.mark.parametrize("scales", [(7, 0, 0, 0), (0, 0, 30, 0), (0, 0, 0, 20)])
+def test_rounding_has_the_units_of_an_energy(scales):
+    """In units that are powers of two all numbers are the same ones."""
+    rest = []
+    for own in ((0, 0, 0, 0), scales):
+        arrays, header = Rectangle(np.random.default_rng(1), scales=own).file()
+        rest.append(check_receipt.Body(packed(arrays), header).rest)
+    size, _, strain, moduli = scales
+    scale = 2.0 ** (2 * size + 2 * strain + moduli)
+    np.testing.assert_allclose(rest[1], scale * rest[0], rtol=1e-12)
+
+
 class Touching(Rectangle):
     """The same with an obstacle at the side x = L, which the solution touches with a pressure P.
 
