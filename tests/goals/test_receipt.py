@@ -145,6 +145,27 @@ def test_a_receipt_in_space(data, order, tmp_path):
     assert 0.8 * bound.total < high - low <= upper - lower
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_cube_with_a_uniform_stress_has_an_exact_receipt(order, tmp_path):
+    """Pulled by s and heated by e on rollers: J = -s^2/2E - s e, the work s (s/E + e)."""
+    path = tmp_path / "receipt.npz"
+    pull, swelling = 4.0, 0.001
+    data = ROLLING_CUBE | {"traction": {"right": (pull, 0, 0)}}
+    problem = cube(order, initial_strain=swelling, **data)
+    young = 1e3 * (3 * 1.5e3 + 2 * 1e3) / (1.5e3 + 1e3)
+    result = semismooth_newton(problem)
+    exact = -(pull**2) / (2 * young) - pull * swelling
+    lower, upper = write_receipt(result, path)
+    assert lower <= exact <= upper
+    assert upper - lower < 1e-6 * abs(exact)
+    work = pull * (pull / young + swelling)
+    lower, upper = write_receipt(goal_bound(result, "work"), path)
+    assert lower <= work <= upper
+    assert (
+        upper - lower < 0.01 * work
+    )  # lambda is large where nothing is left but rounding
+
+
 def test_a_receipt_of_a_step_with_a_history(tmp_path):
     steps = [(1.0, {}), (2.0, {"gap": 1.0})]
     problem = plate(contact="contact", gap=-0.01, order=1)
