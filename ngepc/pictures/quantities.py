@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ngepc.checks.arguments import is_number
+from ngepc.model.places import Edge, Place
 from ngepc.model.problem import Problem
 from ngepc.pictures.drawable import UnitNames
 
@@ -44,6 +45,28 @@ def force_unit(units: UnitNames, problem: Problem) -> str:
     if area is None:
         return f" {stress}·{length}" if per_length else f" {stress}·{length}²"
     return f" {area}/{length}" if per_length else f" {area}"
+
+
+def load_unit(units: UnitNames, problem: Problem, place: Place) -> str:
+    """The unit of a force at a point, and of one along an edge, per length."""
+    force = force_unit(units, problem)
+    return per_length(units, force) if isinstance(place, Edge) else force
+
+
+def stiffness_unit(units: UnitNames, problem: Problem, place: Place) -> str:
+    """The unit of a load over that of a displacement."""
+    stress = unit_of(units, "stress")
+    if isinstance(place, str):
+        return per_length(units, stress)
+    is_whole = problem.N == 3 or is_whole_body(problem)
+    if isinstance(place, Edge) or not is_whole:
+        return stress  # a force per length over a length
+    return per_length(units, force_unit(units, problem))
+
+
+def per_length(units: UnitNames, unit: str) -> str:
+    """A unit over that of lengths; empty where one has no name."""
+    return f"{unit}/{units.length}" if unit and units.length else ""
 
 
 def units_of(units: UnitNames, problem: Problem) -> dict[str, str]:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+import numpy as np
+
 from ngepc._deprecated import old_names
 from ngepc.checks.arguments import is_number, require_components, sample
 from ngepc.checks.sentences import counted
+from ngepc.model.data import Components
 from ngepc.model.hardening import HardeningLaw
 from ngepc.model.hill import Hill
 from ngepc.model.material import Material
@@ -15,7 +18,15 @@ from ngepc.model.places import Coulomb, Roller, values_at
 from ngepc.model.problem import Problem
 from ngepc.model.viscosity import RateLaw
 from ngepc.pictures.drawable import PLAIN, UnitNames
-from ngepc.pictures.quantities import amount, number, unit_of, vector
+from ngepc.pictures.quantities import (
+    amount,
+    load_unit,
+    number,
+    per_length,
+    stiffness_unit,
+    unit_of,
+    vector,
+)
 from ngepc.pictures.rows import Rows, row
 
 GIVEN = {
@@ -40,6 +51,11 @@ def describe_problem(problem: Problem, units: UnitNames = PLAIN) -> Rows:
         row("mesh", f"{mesh.nv} nodes, {elements}"),
         row("kinematics", problem.kinematics.name),
     ]
+    if problem.thickness is not None:
+        length = unit_of(units, "length")
+        rows.append(row("thickness", number(problem.thickness, length)))
+    if problem.duration is not None:
+        rows.append(row("length of the time step", number(problem.duration)))
     rows += describe_material(problem.material, units, problem.kinematics.size)
     return (
         rows
@@ -144,7 +160,9 @@ def _supports(problem: Problem, units: UnitNames) -> Rows:
     rows = [row(f"support '{name}'", "clamped") for name in problem.clamped_names]
     for place, given in problem.single("prescribed").items():
         if isinstance(given, Roller):
-            along = "its normal" if given.direction is None else "one direction"
+            along = "its normal"
+            if given.direction is not None:
+                along = vector(np.array([given.direction]))
             text = f"displacement along {along}: {amount(given.value, length)}"
         else:
             known = [
@@ -156,9 +174,19 @@ def _supports(problem: Problem, units: UnitNames) -> Rows:
             ]
             text = ", ".join(known)
         rows.append(row(f"support {place!r}", text))
-    for place in problem.spring_constants:
-        rows.append(row(f"support {place!r}", "springs"))
+    for place, given in problem.single("springs").items():
+        unit = stiffness_unit(units, problem, place)
+        rows.append(row(f"support {place!r}", f"springs, {_stiffness(given, unit)}"))
     return rows
+
+
+def _stiffness(given: object, unit: str) -> str:
+    """The stiffness of springs along the axes, or along the normal."""
+    if not isinstance(given, Components):
+        return f"{amount(given, unit)} along the normal"
+    if all(map(is_number, given)):
+        return f"{vector(np.array([given], float), unit)}"
+    return "which vary in space"
 
 
 def _loads(problem: Problem, units: UnitNames) -> Rows:
@@ -170,15 +198,18 @@ def _loads(problem: Problem, units: UnitNames) -> Rows:
         known = require_components("traction", value, problem.N)
         values = values_at(known, problem.mesh, place)[1]
         kind = "traction" if isinstance(place, str) else "force"
-        unit = stress if isinstance(place, str) else ""
+        unit = stress if isinstance(place, str) else load_unit(units, problem, place)
         rows.append(row(f"load on {place!r}", f"{kind} {vector(values, unit)}"))
     if problem.f is not None:
         values = sample(problem.f, problem.mesh)
-        rows.append(row("load in the body", f"body force {vector(values)}"))
+        force = vector(values, per_length(units, stress))
+        rows.append(row("load in the body", f"body force {force}"))
     history = ("initial_plastic_strain", "initial_hardening", "initial_strain")
     for name in history:
-        if getattr(problem, name) is not None:
-            rows.append(row(name.replace("_", " "), "given"))
+        value = getattr(problem, name)
+        if value is not None:
+            text = number(value) if is_number(value) else "given"
+            rows.append(row(name.replace("_", " "), text))
     return rows
 
 
@@ -195,6 +226,8 @@ def _contact(problem: Problem, units: UnitNames) -> Rows:
     friction = problem.friction
     if isinstance(friction, Coulomb):
         text = f"Coulomb's law, coefficient {amount(friction.coefficient, '')}"
+        if friction.limit is not None:
+            text += f", at most {amount(friction.limit, unit_of(units, 'stress'))}"
         rows.append(row("friction", text))
     elif friction is not None:
         bound = amount(friction, unit_of(units, "stress"))

@@ -15,7 +15,9 @@ from solved import lshape_dual, lshape_primal
 from ngepc import (
     Coulomb,
     Material,
+    Point,
     Problem,
+    Roller,
     evolve,
     load_cycle,
     lshape_problem,
@@ -120,6 +122,42 @@ def test_a_problem_is_described_by_all_it_is_given():
     assert said["load in the body"] == "body force (0, −1)"
     assert said["load on 'contact'"] == "pressure 1"
     assert said["friction"] == "Coulomb's law, coefficient 0.3"
+
+
+def test_a_thick_body_is_described_with_units():
+    """Thickness, springs, forces at points, the limit of friction."""
+    corner = Point((1, 1))
+    thick = Problem(
+        block.structured_mesh(2, 2),
+        lshape_primal().problem.material,
+        None,
+        {corner: (0.1, 0)},
+        "contact",
+        0.0,
+        body_force=(0, -1),
+        springs={"clamped": (3, 4), "right": 5.0, corner: (1, 2)},
+        prescribed={"left": Roller((3, 4), 0.5)},
+        friction=Coulomb(0.3, limit=2.0),
+        initial_strain=1e-3,
+        thickness=2.5,
+        duration=4.0,
+    )
+    rows = describe_problem(thick, UnitNames("mm", "MPa"))
+    said = [(row["quantity"], row["value"]) for row in rows]
+    assert ("thickness", "2.5 mm") in said
+    assert ("length of the time step", "4") in said
+    assert ("support 'left'", "displacement along (0.6, 0.8): 0.5 mm") in said
+    assert ("support 'clamped'", "springs, (3, 4) MPa/mm") in said
+    assert ("support 'right'", "springs, 5 MPa/mm along the normal") in said
+    assert (f"support {corner!r}", "springs, (1, 2) N/mm") in said
+    assert (f"load on {corner!r}", "force (0.1, 0) N") in said
+    assert ("load in the body", "body force (0, −1) MPa/mm") in said
+    assert ("initial strain", "0.001") in said
+    assert ("friction", "Coulomb's law, coefficient 0.3, at most 2 MPa") in said
+    thin = describe_problem(thick.changed(thickness=None), UnitNames("mm", "MPa"))
+    said = [(row["quantity"], row["value"]) for row in thin]
+    assert (f"support {corner!r}", "springs, (1, 2) MPa") in said
+    assert (f"load on {corner!r}", "force (0.1, 0) N/mm") in said
 
 
 def test_loads_are_described_by_their_components_where_these_are_constant():
