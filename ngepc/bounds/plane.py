@@ -49,6 +49,9 @@ TRUST = 0.03
 LOCALLY = 0.3
 """Newton steps use this fraction of ``gain``: they are cheap where little yields."""
 
+MOST = 0.7
+"""Where more than this part of the triangles yields, their remainders are computed on all."""
+
 BROKEN = 0.9
 """Newton steps are restricted to the triangles with this share of the tangent's remainder, and to
 rings of triangles around them."""
@@ -141,12 +144,15 @@ class SecondOrderModel:
         for cells in portions(len(z)):
             yields[cells] |= functional.conjugate.of(cells).yields(z[cells])
         there = np.flatnonzero(yields)
-        for some in portions(len(there)):
-            cells = there[some]
+        chosen = [there[some] for some in portions(len(there))]
+        if len(there) > MOST * len(z):
+            chosen = portions(len(z))
+        for cells in chosen:
             part = functional.of(cells)
             trial = of_cells(z, cells)
             exact = part.values(trial, part.conjugate.completed(trial))
             result[cells] = exact - self.of(cells).at(trial)[0]
+        result[~yields] = 0.0
         return result
 
 
