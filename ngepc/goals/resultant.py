@@ -20,9 +20,27 @@ import numpy as np
 from ngepc.bounds.balance import spring_energy
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.outcome import ErrorBound
+from ngepc.local.system import DiscreteProblem
 
 LEAST = 0.1
 """Smallest m that is used."""
+
+
+def elastic_square(discrete: DiscreteProblem, w: np.ndarray) -> float:
+    """int C eps(w) : eps(w), from the elements whose nodes w (nodes, N) moves."""
+    law = discrete.law
+    moved = w.any(axis=1)
+    total = 0.0
+    for block in discrete.points.blocks:
+        strained = np.flatnonzero(moved[block.nodes].any(axis=1))
+        if not len(strained):
+            continue
+        part = block.of(strained)
+        trace, *deviator = np.moveaxis(part.strain(w), 2, 0)
+        density = law.bulk[part.points] * trace**2
+        density += law.two_mu[part.points] * sum(s**2 for s in deviator)
+        total += float(np.vdot(part.weights, density))
+    return total
 
 
 def largest_resultant(bound_data: BoundData, bound: ErrorBound) -> float:
@@ -46,10 +64,7 @@ def largest_resultant(bound_data: BoundData, bound: ErrorBound) -> float:
     if least < LEAST or bound_data.boundary.friction.any():
         return math.inf
 
-    law = discrete.law
-    trace, deviator = discrete.points.strain(w)
-    density = law.bulk * trace**2 + law.two_mu * (deviator**2).sum(axis=1)
-    square = discrete.points.integral(density) + 2 * spring_energy(discrete, w)
+    square = elastic_square(discrete, w) + 2 * spring_energy(discrete, w)
     difference = math.sqrt(2 * max(bound.total, 0.0) * square)
 
     moments = contact.moments(bound.pressure[:, :, None])[:, :N]

@@ -65,8 +65,8 @@ def conjugate_gradients_by_pairs(
         length = now / curvature
         before = now
         x += np.multiply(length, direction, out=z)
-        r -= np.multiply(length, image, out=of_z)
         yield x, length * now / 2
+        r -= np.multiply(length, image, out=of_z)
 
 
 def minimal_residuals(
