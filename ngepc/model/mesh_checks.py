@@ -22,7 +22,8 @@ def check_mesh(mesh: Mesh) -> None:
     require_mesh("mesh", mesh)
     if mesh.comm.size > 1:
         raise ValueError(
-            f"mesh is on {mesh.comm.size} processes: ngepc.distribute is needed"
+            f"mesh is on {mesh.comm.size} processes: "
+            "a part made by ngepc.model.parts.distribute is needed"
         )
     nodes = element_nodes(mesh)
     if len(nodes) == 0:

@@ -6,7 +6,7 @@ import re
 from functools import cache
 
 import pytest
-from sources import ROOT, modules
+from sources import ROOT, modules, nodes, rooms
 
 FOLDERS = ("tests", "benchmarks", "docs", "notebooks", "packaging")
 SNIPPET = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -124,3 +124,23 @@ def test_pages_say_where_names_are():
     names = {".".join(filter(None, (module, name))) for name, module in found}
     assert len(names) > 20
     assert [n for n in sorted(names) if checked(n) and not is_there(n)] == []
+
+
+def test_messages_and_docstrings_name_what_is_there():
+    stub = (ROOT / "ngepc" / "__init__.pyi").read_text("utf-8")
+    public = set(re.findall(r"import \w+ as (\w+)", stub))
+    files = {"mplstyle", "geometries", "notebooks", "__version__"}
+    known = public | files | {name.split(".")[1] for name in rooms()}
+    said = {
+        (place, name)
+        for place, inside in nodes().items()
+        for node in inside
+        if isinstance(node, ast.Constant) and place != "ngepc._deprecated"
+        for name in re.findall(r"\bngepc(?:\.\w+)+", str(node.value))
+    }
+    assert len(said) > 20
+    assert [
+        (place, name)
+        for place, name in sorted(said)
+        if not (is_there(name) if checked(name) else name.split(".")[1] in known)
+    ] == []

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -201,3 +202,11 @@ def test_types_are_in_the_order_of_the_elements(mesh, kind):
     assert set(types) == set(found)
     for shape, alike in found.items():
         assert [one == shape for one in types] == alike.tolist()
+
+
+def test_a_mesh_that_ngsolve_has_distributed_is_refused():
+    class Shared(Mesh):
+        comm = SimpleNamespace(size=2)
+
+    with pytest.raises(ValueError, match=r"on 2 processes: .*model\.parts\.distribute"):
+        check_mesh(Shared(block.structured_mesh(1, 1).ngmesh))
