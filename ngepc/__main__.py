@@ -22,6 +22,8 @@ import argcomplete
 from ngepc.cli.commands import COMMANDS, parser
 from ngepc.results.files import no_empty_folders
 
+log = logging.getLogger("ngepc")
+
 
 @contextmanager
 def remembered() -> Iterator[None]:
@@ -66,6 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with remembered(), no_empty_folders(places):
             return function_of(args.command)(args)  # loads NGSolve where it is needed
     except (ValueError, TypeError, OSError, ImportError) as error:
+        log.info("where the error arose", exc_info=error)
         sys.stderr.write(f"ngepc {args.command}: error: {error}\n")
         return 2
     except KeyboardInterrupt:

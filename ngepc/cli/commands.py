@@ -346,7 +346,8 @@ class OneLineParser(argparse.ArgumentParser):
 def parser() -> argparse.ArgumentParser:
     """The argument parser with all commands and studies."""
     common = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
-    common.add_argument("--verbose", action="store_true", help="log every Newton step")
+    verbose = "log every Newton step, and where an error arose"
+    common.add_argument("--verbose", action="store_true", help=verbose)
     common.add_argument("--quiet", action="store_true", help="no progress, no summary")
     page = {
         "formatter_class": argparse.RawDescriptionHelpFormatter,

@@ -2,6 +2,7 @@
 
 import io
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -157,6 +158,15 @@ def test_quiet_and_verbose_stand_anywhere(place, capsys):
     assert main([*arguments[:place], "--quiet", *arguments[place:]]) == 0
     assert capsys.readouterr() == ("", "")
     assert parsed([*arguments[:place], "--verbose", *arguments[place:]]).verbose
+
+
+def test_verbose_says_where_an_error_arose(tmp_path, capsys, caplog):
+    missing = ["solve", "lshape", "--start", str(tmp_path / "none.npz")]
+    for loud in ([], ["--verbose"]):
+        with caplog.at_level(logging.INFO if loud else logging.WARNING):
+            assert main([*missing, *loud]) == 2
+        assert "error: --start" in capsys.readouterr().err
+        assert ("Traceback" in caplog.text) == bool(loud)
 
 
 def test_not_quiet_is_not_verbose():
