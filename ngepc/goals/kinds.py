@@ -29,6 +29,7 @@ from ngepc.goals.roller_motion import motion_of_support
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import Vector
 from ngepc.model.elements import elements_by_shape, vertex_coordinates
+from ngepc.model.places import Edge, Point
 from ngepc.model.problem import Problem
 
 LEGAL = (
@@ -256,6 +257,14 @@ class SupportReaction(Goal, Declared):
 
     support: Text
     component: Component
+
+    def __post_init__(self) -> None:
+        if isinstance(self.support, Point | Edge):
+            raise TypeError(
+                f"support={self.support}: the name of a boundary is needed; "
+                "result.equilibrium.reactions has the forces of points and edges"
+            )
+        super().__post_init__()
 
     def form(self, problem: Problem) -> GoalForm:
         """The motion; ValueError if the support does not hold the component."""

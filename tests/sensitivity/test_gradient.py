@@ -19,6 +19,7 @@ from ngepc import (
     Coulomb,
     Material,
     NewtonOptions,
+    Point,
     Problem,
     Response,
     Roller,
@@ -279,6 +280,13 @@ def test_obstacle_and_support_that_meet_move_either_way():
 def test_functionals_that_are_refused(lshape_result, functional, text):
     with pytest.raises(ValueError, match=text):
         gradient(lshape_result, functional, "gap")
+
+
+def test_reactions_of_points_are_refused():
+    with pytest.raises(
+        TypeError, match=r"equilibrium\.reactions has the forces of points"
+    ):
+        Reaction(Point((0, 0)), 1)
 
 
 def test_misfits_that_are_refused(lshape_result):
