@@ -402,7 +402,8 @@ class AirySpace:
         x = self.frames.out_of(x)
         for cells in portions(len(self.det)):
             part = self.of(cells)
-            reference = self.rule.rows @ part._on_reference(x[part.unknowns] / part.det)
+            own = x.take(part.unknowns) / part.det
+            reference = self.rule.rows @ part._on_reference(own)
             reference = reference.reshape(len(self.rule.weights), 3, -1)
             stress = np.einsum("qbt,bct->qct", reference, part._piola)
             yield cells, np.moveaxis(stress, 2, 0)

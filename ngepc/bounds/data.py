@@ -150,7 +150,8 @@ class BoundData:
         slots = c.slot.reshape(len(own), -1).T.copy()
         facets = np.repeat(c.sign.T, N, axis=0)
         for cells in portions(len(own)):
-            around = [column[slots[:, cells]] * facets[:, cells] for column in columns]
+            places = slots[:, cells]
+            around = [column.take(places) * facets[:, cells] for column in columns]
             inverse = c.inverse[cells].transpose(1, 2, 0)
             moments = np.einsum("ckt,dct->kdt", np.stack(around), inverse)
             moments = moments.reshape(-1, moments.shape[2])

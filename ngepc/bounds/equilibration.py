@@ -81,8 +81,8 @@ class Patches:
         self._first = np.flatnonzero(begins)
         self._vertex = np.cumsum(begins) - 1
         facets, places = AT_VERTEX[N]
-        moments = c.slot[:, facets, places].reshape(-1, N)[self._order]
-        signs = c.sign[:, facets].reshape(-1, N)[self._order]
+        moments = c.slot[:, facets, places].reshape(-1, N).take(self._order, axis=0)
+        signs = c.sign[:, facets].reshape(-1, N).take(self._order, axis=0)
         count = len(vertex)
         rows = signs.ravel(), moments.ravel(), N * np.arange(count + 1)
         self._sum = csr_matrix(rows, (count, c.facets.size))
@@ -205,7 +205,7 @@ class Patches:
         that are too large for a bound.
         """
         N = self.cells.N
-        needed = needed.reshape(-1, N)[self._order]
+        needed = needed.reshape(-1, N).take(self._order, axis=0)
         wished = wished.reshape(-1, N)
         mu = np.where(self._free > 0, wished, given.reshape(-1, N))
         if self._slanted is not None:

@@ -44,7 +44,7 @@ class Simplices:
         self.N = points.shape[1]
         self.points = points
         self.nodes = nodes.copy()
-        x = self.points[self.nodes]
+        x = self.points.take(self.nodes, axis=0)
         self.jacobian = np.ascontiguousarray((x[:, 1:] - x[:, :1]).transpose(0, 2, 1))
         self.det = determinants(self.jacobian)
         turned = self.det < 0

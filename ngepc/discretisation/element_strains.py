@@ -91,7 +91,8 @@ class Elements:
 
     def strain(self, u: np.ndarray) -> np.ndarray:
         """Strains, shape (elements, p, s): the rows times u, without making them."""
-        slopes = np.matmul(u[self.nodes].swapaxes(1, 2)[:, None], self.slopes)
+        own = u.take(self.nodes, axis=0).swapaxes(1, 2)
+        slopes = np.matmul(own[:, None], self.slopes)
         basis = self.basis.reshape(len(self.basis), -1)
         found = (slopes.reshape(-1, basis.shape[1]) @ basis.T).reshape(
             *slopes.shape[:2], -1
