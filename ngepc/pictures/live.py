@@ -7,6 +7,7 @@ Only the newest position is asked for: positions that a slow solve has missed ar
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 import webbrowser
@@ -42,6 +43,8 @@ from ngepc.pictures.views import (
     viewer_script,
 )
 from ngepc.results.outcome import Status
+
+log = logging.getLogger(__name__)
 
 SCRIPT = Path(__file__).with_name("live.js").read_text(encoding="utf-8")
 
@@ -182,6 +185,15 @@ class Laboratory:
         self.last = result
         yield self._frame(result, values, exact=True)
 
+    def answers(self, values: Mapping[str, float]) -> Iterator[dict]:
+        """``frames`` for a page, which waits for the last one: it says what was raised."""
+        try:
+            yield from self.frames(values)
+        except Exception as error:  # a function of the user may raise anything
+            log.warning("no picture of %s", self._position(values), exc_info=error)
+            why = f"{type(error).__name__}: {error}"
+            yield self._failed(why, self.start | dict(values))
+
     def _first(self) -> dict:
         """The solution where the sliders start."""
         (*_, frame) = self.frames({})
@@ -318,7 +330,7 @@ class Laboratory:
 
         def answer(widget: Live, message: dict, buffers: object) -> None:
             """Send the frames of what the page asks for."""
-            for frame in self.frames(message["values"]):
+            for frame in self.answers(message["values"]):
                 widget.send(json_ready(frame))
 
         widget = Live(setup=json_ready(self.setup))

@@ -78,7 +78,7 @@ class _Answers(http.server.BaseHTTPRequestHandler):
         length = int(self.headers["Content-Length"])
         message = json.loads(self.rfile.read(length))
         self._head("application/json-lines")
-        for frame in self.server.laboratory.frames(message["values"]):
+        for frame in self.server.laboratory.answers(message["values"]):
             self.wfile.write(f"{as_json(frame)}\n".encode())
             self.wfile.flush()
 

@@ -209,6 +209,20 @@ def test_what_cannot_be_solved_is_said_and_the_next_position_is_solved():
 
 
 @needs_viewer
+def test_what_a_function_of_the_user_raises_is_said_to_the_page():
+    def change(problem, depth):
+        return replace(problem, gap={0.5: -0.01}[depth])
+
+    laboratory = lab(body(), change=change, depth=(0.0, 1.0))
+    (frame,) = laboratory.answers({"depth": 1.0})
+    assert (frame["said"], frame["last"]) == ("KeyError: 1.0", True)
+    (*_, frame) = laboratory.answers({"depth": 0.5})
+    assert frame["scene"] is not None
+    with pytest.raises(KeyError):
+        lab(body(), change=change, depth=(0.0, 2.0))
+
+
+@needs_viewer
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
 def test_loads_beyond_the_limit_are_shown_with_their_status():
     """Also at the start, where there is no solution yet, and where numbers overflow."""
