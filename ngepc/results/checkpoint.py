@@ -40,8 +40,10 @@ class OtherWork(ValueError):
 
     def __init__(self, path: Path, different: list[str]) -> None:
         self.different = different
+        names = ", ".join(different)
+        verb = "differ" if len(different) > 1 else "differs"
         super().__init__(
-            f"checkpoint {path} belongs to other work: {', '.join(different)} differ; move it away"
+            f"checkpoint {path} belongs to other work: {names} {verb}; move it away"
         )
 
 

@@ -102,5 +102,5 @@ def test_a_cell_of_other_work_is_refused(tmp_path):
     study = Bars(tmp_path)
     study.run()
     study.path_of({"a": 1}).rename(study.path_of({"a": 2}))
-    with pytest.raises(ValueError, match="a differ; move it away"):
+    with pytest.raises(ValueError, match="a differs; move it away"):
         study.kept({"a": 2})
