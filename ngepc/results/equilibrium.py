@@ -63,8 +63,15 @@ class Equilibrium:
 
     @property
     def reaction(self) -> np.ndarray:
-        """Forces of the supports, zero at free components without rollers or springs."""
-        return sum(self.others.values(), np.where(self.free, 0.0, self.residual_force))
+        """Forces of the supports, zero at free components without rollers or springs.
+
+        The axis of a body of revolution, where no displacement is radial, is no support.
+        """
+        held = ~self.free
+        if self.problem.kinematics.hoop:
+            shares = shares_of_supports(self.problem)
+            held = sum(shares.values(), np.zeros(held.shape)) > 0
+        return sum(self.others.values(), np.where(held, self.residual_force, 0.0))
 
     @property
     def free_residual(self) -> np.ndarray:

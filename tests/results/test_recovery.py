@@ -162,6 +162,21 @@ def test_reactions_of_the_supports_add_up(results, case, method):
     assert sum(reactions.values()) == pytest.approx(result.reaction, abs=1e-12)
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_axis_of_a_ring_is_no_support(order):
+    """What keeps its nodes there is no reaction, unless a support has them."""
+    mesh = block.structured_mesh(4, 4, simplices=True)
+    pressed = {"contact": "contact", "gap": -0.005, "order": order}
+    for held in (None, {"left": (0, None)}):
+        ring = Problem(
+            mesh, STEEL, prescribed=held, kinematics="axisymmetric", **pressed
+        )
+        result = semismooth_newton(ring)
+        reactions = result.equilibrium.reactions
+        assert sum(reactions.values()) == pytest.approx(result.reaction, rel=1e-12)
+        assert abs(result.reaction[0]) > 1e-2 * result.contact_force
+
+
 def test_contact_resultant_is_the_sum_of_the_row_forces(results):
     for case in CASES:
         result = results[case, "dual"]
