@@ -261,7 +261,7 @@ def test_what_is_not_covered_is_refused_by_name(word, make):
     problem = make()
 
     class Result:
-        displacement = None
+        displacement = contact_pressure = None
 
     result = Result()
     result.problem = problem

@@ -341,7 +341,7 @@ def test_meshes_follow_the_bound():
 )
 def test_what_is_not_covered_is_refused_by_name(word, make):
     class Result:
-        displacement = None
+        displacement = contact_pressure = None
 
     result = Result()
     result.problem = make()
