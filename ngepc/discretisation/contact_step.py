@@ -280,18 +280,18 @@ def with_travel(here: Iterate, change: np.ndarray, contact: np.ndarray) -> np.nd
     """A step with the whole of its rigid motion z, where only weak springs resist that.
 
     These make z too short.  Along z the energy changes by loads and friction alone; the motion ends
-    where it no longer falls, or at an obstacle.  A motion without an end is not changed.
+    where it no longer falls, or at an obstacle; rows that press or are tied stay where they are.  A
+    motion without an end is not changed.
     """
-    z = here.body.floating.rigid_part(change)
     conditions = here.body.contact
+    closed = conditions.rows.tied | (conditions.normal(contact) > 0)
+    z = here.body.floating.rigid_part(change, closed)
     row_motion = conditions.displacement(z)
     gaps = here.gaps - conditions.displacement(change)
     nearing = conditions.normal(row_motion)
-    away = np.where(conditions.rows.tied, np.abs(nearing), nearing)
-    meets = away > NOTHING * np.abs(z).max()
-    open_gap = np.where(conditions.rows.tied, 0.0, conditions.normal(gaps))
-    left = np.maximum(open_gap[meets], 0.0)
-    most = float((left / away[meets]).min(initial=FAR))
+    meets = ~closed & (nearing > NOTHING * np.abs(z).max(initial=0.0))
+    left = np.maximum(conditions.normal(gaps)[meets], 0.0)
+    most = float((left / nearing[meets]).min(initial=FAR))
 
     slip = -conditions.tangential(gaps)
     along = conditions.tangential(row_motion)

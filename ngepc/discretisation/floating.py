@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.linalg import matrix_rank
-from scipy.linalg import eigvalsh
+from scipy.linalg import eigvalsh, null_space
 from scipy.sparse import csr_matrix, diags
 
 from ngepc.discretisation.conditions import ContactConditions
@@ -38,6 +38,7 @@ LOOSE = 1e-6
 STIFFER = 1e-2
 """As ``SOFT``, of the springs with which contact of a loosely held part is found."""
 
+SAME = 1e-8  # smaller changes of gaps in a rigid motion are rounding errors
 SMALL = 1e-6  # smaller parts of the loads or of a motion count as zero
 
 
@@ -161,12 +162,18 @@ class Floating:
         """The coordinates of the part that messages name."""
         return as_coordinates(self.centres[-1])
 
-    def rigid_part(self, change: np.ndarray) -> np.ndarray:
-        """The rigid motion, shape (nodes, N), that is closest to a change of u."""
-        work = np.einsum("nia,ni->a", self.motions, self.springs * change)
-        return self.motions @ np.linalg.solve(
-            gram_matrix(self.motions, self.springs), work
-        )
+    def rigid_part(self, change: np.ndarray, closed: np.ndarray) -> np.ndarray:
+        """The rigid motion, shape (nodes, N), that is closest to a change of u.
+
+        Of those that leave the gaps of some rows, boolean of shape (m,), as they are.
+        """
+        kept = self._on_rows[: len(closed)][closed]
+        free = np.eye(self.motions.shape[2])
+        if len(kept):
+            free = null_space(np.linalg.qr(kept, mode="r"), SAME)
+        motions = self.motions @ free
+        work = np.einsum("nia,ni->a", motions, self.springs * change)
+        return motions @ np.linalg.solve(gram_matrix(motions, self.springs), work)
 
     def drift(self, residual: np.ndarray) -> np.ndarray:
         """The part of nodal forces, shape (nodes, N), that comes from rigid motions.
