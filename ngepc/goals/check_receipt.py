@@ -3,7 +3,7 @@
 A body of triangles or tetrahedra K has forces f and tractions g, is held on parts of its boundary
 and may touch an obstacle, u . n <= psi.  With the mean m and the deviator e of eps(u) its energy is
     J(u) = int phi(eps(u)) - f . u - boundary int g . u,
-    phi = min over p of  |C (eps - p_0 - p)|^2/(2 C) - k + a : p + h/2 |p|^2 + beta |p|.
+    phi = min over deviators p of |C (eps - p_0 - p)|^2/(2 C) - k + a : p + h/2 |p|^2 + beta |p|.
 C has the modulus B of m, and 2 mu of e.  An admissible u has the trial stress t = C (eps(u) - p_0);
 S is a stress in equilibrium with f and g - P n, where P >= 0.  With s = dev t - a, x = dev S - a,
 the solution v, and the work R of forces that S leaves, |R| <= b (2 J(u) - 2 J(v))^(1/2),
