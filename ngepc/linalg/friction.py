@@ -158,9 +158,19 @@ class FrictionCone:
         m = len(self.cap)
         return x[:m], x[m:].reshape(m, self.d)
 
-    def with_forces(self, closed: np.ndarray) -> np.ndarray:
-        """Numbers of the forces of the rows that friction acts on, from those that are closed."""
-        return self.numbers(np.flatnonzero(self.with_friction(closed)))
+    @cached_property
+    def rubs(self) -> np.ndarray:
+        """The rows that friction can act on; the bound of others is zero, boolean (m,)."""
+        return (self.cap > 0) & (self.coefficient > 0)
+
+    def with_forces(self, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """From the rows that are closed: those that friction acts on, and numbers of forces.
+
+        All forces of these rows come first, then normal forces of closed rows without friction.
+        """
+        rows = np.flatnonzero(self.with_friction(closed) & self.rubs)
+        smooth = np.flatnonzero(closed & ~self.rubs)
+        return rows, np.append(self.numbers(rows), smooth)
 
     def numbers(self, rows: np.ndarray) -> np.ndarray:
         """Numbers of the forces of some rows, n first."""
@@ -203,9 +213,11 @@ class FrictionCone:
         equation = _Equation(self, W, gaps, forces, SOFT[0] / self._along(W))
         y = forces - equation.c * gaps
         closed = (y[: len(self.cap)] > 0) | self.tied
-        chosen = self.with_forces(closed)
-        blocks, J = equation.linearised(y, closed, chosen)
-        right = of_rows(blocks, np.diag(equation.c[chosen]))
+        rows, chosen = self.with_forces(closed)
+        blocks, J = equation.linearised(y, closed, rows, chosen)
+        right = np.diag(equation.c[chosen])
+        rubbing = slice(blocks.shape[0] * blocks.shape[1])
+        right[rubbing] = of_rows(blocks, right[rubbing])
         A = np.zeros((len(gaps), len(gaps)))
         A[np.ix_(chosen, chosen)] = np.linalg.solve(J, right)
         return A
@@ -292,7 +304,7 @@ class _Equation:
         closed = (self.forces + change - trial.slack)[:m] > 0
         closed |= law.tied
         opened = np.flatnonzero(~closed)
-        chosen = law.with_forces(closed)
+        rows, chosen = law.with_forces(closed)
         following = -self.forces
         following[chosen] = change[chosen]
         following[opened] = -self.forces[opened]
@@ -300,7 +312,7 @@ class _Equation:
             trial = self.at(following)
         y = self.forces + following - trial.slack
 
-        _, J = self.linearised(y, closed, chosen)
+        _, J = self.linearised(y, closed, rows, chosen)
         residual = trial.slack.copy()
         residual[m:] += trial.beyond[m:]
         residual[opened] = 0.0
@@ -311,12 +323,17 @@ class _Equation:
         return following - change if np.isfinite(following).all() else None
 
     def linearised(
-        self, y: np.ndarray, closed: np.ndarray, chosen: np.ndarray
+        self, y: np.ndarray, closed: np.ndarray, rows: np.ndarray, chosen: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The slope D of the projection at y for the ``chosen`` forces, and Id - D + D c W."""
+        """The slope D of the projection at y, and Id - D + D c W for the ``chosen`` forces.
+
+        Blocks of D are those of the ``rows`` with friction; other closed rows have D = 1.
+        """
         law = self.law
-        blocks = law.slope(y, closed)[law.with_friction(closed)]
-        J = of_rows(blocks, self.c[chosen, None] * self.W.block(chosen))
+        blocks = law.slope(y, closed)[rows]
+        J = self.c[chosen, None] * self.W.block(chosen)
+        rubbing = slice(blocks.shape[0] * blocks.shape[1])
+        J[rubbing] = of_rows(blocks, J[rubbing])
         add_to_rows(J, np.eye(1 + law.d) - blocks)
         return blocks, J
 

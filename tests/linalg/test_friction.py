@@ -650,3 +650,35 @@ def test_springs_of_a_floating_part_carry_nothing_of_what_a_search_finds():
     assert found
     for x in found:
         np.testing.assert_allclose(rigid.T @ x, load, atol=1e-8 * np.abs(load).max())
+
+
+@pytest.mark.parametrize("law", ["tied", "Tresca"])
+def test_newton_leaves_out_forces_that_are_zero(law):
+    """Tangents of rows without friction, and open rows: the step is that of the whole system."""
+    random = np.random.default_rng(10)
+    m, d, c = 9, 2, 0.1
+    rule = cone(law, m, d, random)
+    without = np.arange(m) % 3 == 0  # the tied rows, or a bound that is zero there
+    rule = replace(rule, cap=np.where(without, 0.0, rule.cap))
+    S = compliance(m * (1 + d), random)
+    gaps = random.normal(size=len(S))
+    forces = rule.projected(random.normal(size=len(S)))
+    equation = _Equation(rule, Compliance.of(S), gaps, forces, np.full(len(S), c))
+    closed = ((forces - c * gaps)[:m] > 0) | rule.tied
+    rubbing = (closed | rule.given) & ~without
+
+    # open rows lose their forces first
+    kept = np.append(closed, np.repeat(rubbing, d))
+    lost = np.where(kept, 0.0, -forces)
+    y = forces + lost - c * (gaps + S @ lost)
+    D = matrix_of_rows(rule.slope(y, closed)).toarray()
+    nearest = rule.projected(y)
+    nearest[:m] = np.where(closed, y[:m], 0.0)
+    whole = np.eye(len(S)) - D + c * D @ S
+    expected = lost + np.linalg.solve(whole, nearest - forces - lost)
+    step = equation.step(np.zeros(len(S)), equation.at(np.zeros(len(S))))
+    np.testing.assert_allclose(step, expected, atol=1e-12)
+
+    rows, chosen = rule.with_forces(closed)
+    _, J = equation.linearised(y, closed, rows, chosen)
+    assert len(J) == (closed | rubbing).sum() + d * rubbing.sum()
