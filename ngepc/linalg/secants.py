@@ -187,7 +187,7 @@ def solve_by_secants(
             return nearest.of_products(len(parts))
         if response is not None and exact:
             A = response(compliance.with_springs(springs), gaps - off, forces)
-            more = in_same_state(A, product, compliance, gaps, slack, left)
+            more = in_same_state(A, product, compliance, gaps, slack, left, springs)
             gaps, forces, parts = more.added_to(gaps, forces, parts)
         if not np.isfinite(gaps).all():
             return None
@@ -231,8 +231,11 @@ def in_same_state(
     gaps: np.ndarray,
     slack: float,
     left: float,
+    springs: np.ndarray | None = None,
 ) -> Combination:
     """The change d of the forces with A (gaps + S d) = 0, by minimal residuals; W learns S.
+
+    With ``springs`` S + springs in place of S: where rows are dependent S d may be rounding alone.
 
     It ends where W times the residual, a length, is below ``slack`` or a part ``left`` of that at
     the beginning.
@@ -253,7 +256,7 @@ def in_same_state(
         forces[tried] = d
         answers[tried] = answer
         tried += 1
-        image = A @ answer
+        image = A @ (answer if springs is None else answer + springs * d)
         before = images[:independent]
         for _ in range(2):  # one pass leaves rounding errors
             shares = before @ image

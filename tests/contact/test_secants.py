@@ -8,7 +8,7 @@ import pytest
 
 from ngepc.linalg.box import in_box
 from ngepc.linalg.friction import FrictionCone
-from ngepc.linalg.secants import Compliance, solve_by_secants
+from ngepc.linalg.secants import Compliance, in_same_state, solve_by_secants
 
 
 def spd(rng, n, condition):
@@ -208,3 +208,24 @@ def test_numbers_that_are_not_finite_are_refused():
         solve_by_secants(in_box, lambda d: d * np.nan, W, gaps, np.zeros(2), 1e-12)
         is None
     )
+
+
+def test_minimal_residuals_of_dependent_rows_are_those_with_springs(rng):
+    """Gaps that no force closes: rounding of products without an answer is no direction."""
+    n, rank = 30, 20
+    Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    S = (Q[:, :rank] * np.geomspace(1, 30, rank)) @ Q[:, :rank].T
+    springs = 1e-8 * S.diagonal()
+    gaps = S @ rng.normal(size=n) + 1e-9 * Q[:, -1]
+
+    def product(d):
+        answer = S @ d
+        return answer + 1e-15 * np.abs(answer).max() * rng.normal(size=n)
+
+    A = np.linalg.inv(S + np.diag(springs))
+    W = Compliance.of(S)
+    more = in_same_state(A, product, W, gaps, 1e-12, 1e-12, springs=springs)
+    change = more.parts @ more.forces
+    left = gaps + S @ change + springs * change
+    # the rounding of products over the springs
+    assert np.abs(left).max() < 1e-6
