@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ngepc.bounds.simplices import FACETS
 from ngepc.limit.continuous import ContinuousVelocities
-from ngepc.limit.data import LimitData, barycentric
+from ngepc.limit.data import GROWS, LimitData, barycentric
 from ngepc.limit.mechanism import Mechanism
 from ngepc.limit.sliding import SlidingVelocities
 from ngepc.limit.static import AdmissibleStress, Statics
@@ -224,6 +224,35 @@ def is_overloaded(above: Found) -> bool:
     return above.field is not None and above.field.factor < MOST_NEGATIVE
 
 
+def velocities_on(
+    data: LimitData, shape: YieldShape, degree: int
+) -> ContinuousVelocities | SlidingVelocities:
+    """The velocities of a mesh, of this degree in the plane."""
+    if data.cells.N == 2:
+        return ContinuousVelocities(data, shape, degree)
+    return SlidingVelocities(data, shape)
+
+
+def none_holds(
+    data: LimitData, shape: YieldShape, degree: int, above: Found, precision: float
+) -> bool:
+    """Whether mechanisms prove that no factor holds the constant loads.
+
+    A negative upper bound leaves factors that act the other way.  The upper bound of these is that
+    of the reversed growing loads: no factor is left if both add up to less than zero.
+    """
+    if above.field is None or above.field.factor >= 0:
+        return False
+    force, traction = data.force.copy(), data.traction.copy()
+    force[GROWS] *= -1
+    traction[GROWS] *= -1
+    back = replace(data, force=force, traction=traction, motion=-data.motion)
+    reversed_ = upper_on(velocities_on(back, shape, degree), precision)
+    if reversed_.field is None:
+        return reversed_.word in UNBOUNDED
+    return above.field.factor + reversed_.field.factor < 0
+
+
 def locked(data: LimitData, below: Found, above: Found) -> np.ndarray:
     """Indicators of cells that hold the lower bound down where the mechanism does not flow.
 
@@ -266,12 +295,11 @@ def bracket_on(
         centre = centre_of(statics)
     below = lower_on(statics, centre, precision)
     flat = data.cells.N == 2
-    velocities = (
-        ContinuousVelocities(data, shape, LAST_DEGREE if is_last else DEGREE)
-        if flat
-        else SlidingVelocities(data, shape)
-    )
-    above = upper_on(velocities, precision)
+    degree = LAST_DEGREE if is_last else DEGREE
+    above = upper_on(velocities_on(data, shape, degree), precision)
+    overloaded = is_overloaded(above)
+    if below.field is None and not overloaded:
+        overloaded = none_holds(data, shape, degree, above, precision)
     marks = gaps_of(data, shape, below.field, above.field)
     marks = marks + locked(data, below, above)
     both = below.field is not None and above.field is not None
@@ -289,7 +317,7 @@ def bracket_on(
         above.field,
         marks,
         below.word in UNBOUNDED,
-        is_overloaded(above),
+        overloaded,
         (below.unknowns, above.unknowns),
         (below.steps, above.steps),
         (below.word, above.word),

@@ -312,6 +312,21 @@ def test_constant_loads_that_are_too_large_are_named_on_the_first_mesh(force):
         assert nothing is None
 
 
+@pytest.mark.parametrize("pull", [4.61, 5.0])
+def test_constant_loads_that_are_slightly_too_large_are_named(pull):
+    """The square carries at most 4.51 along: no pressure across can help with more."""
+    mesh = block.structured_mesh(3, 3, simplices=True)
+    loads = {"traction": {"right": (pull, 0)}, "pressure": {"contact": 2.0}}
+    material = Material.metal(
+        young=1000, poisson=0.3, yield_stress=10, plastic_modulus=0
+    )
+    heavy = Problem(mesh, material, "clamped", **loads)
+    found = limit_load(heavy, growing=["contact"], max_cells=600)
+    assert found.status is LimitStatus.OVERLOADED
+    assert found.lower == -math.inf
+    assert found.upper < 0
+
+
 def test_a_negative_limit_load_is_said():
     """Pressed with 15 across, the square needs a pressure of 15 - 20/3^(1/2) along."""
     loads = {"contact": (0, 1.0), "right": (-15.0, 0)}
