@@ -243,13 +243,15 @@ def check_obstacles(problem: ProblemData) -> None:
             needed = "leave it out, that of two bodies is the distance between them"
         raise ValueError(f"gap={in_words(given)}: {needed}")
     several = isinstance(given, Mapping)
-    if several and set(given) != set(names):
-        wrong = sorted(map(str, given))
-        raise ValueError(
-            f"gap names {wrong}: the contact boundaries are {sorted(names)}"
-        )
-    for name in names:
-        argument, gap = (f"gap[{name!r}]", given[name]) if several else ("gap", given)
+    if several:
+        named = [part for key in given for part in str(key).split("|")]
+        if sorted(named) != sorted(names):
+            wrong = sorted(map(str, given))
+            raise ValueError(
+                f"gap names {wrong}: the contact boundaries are {sorted(names)}, each of them once"
+            )
+    for name, gap in problem.given_gaps.items():
+        argument = f"gap[{name!r}]" if several else "gap"
         if hasattr(gap, "gap"):
             needed = "the gap to this obstacle is needed, obstacle.gap(mesh)"
             raise TypeError(f"{argument}={in_words(gap)}: {needed}")

@@ -207,11 +207,16 @@ class ProblemData:
     @property
     def gaps(self) -> dict[str, CoefficientFunction]:
         """Single contact boundary name -> psi as a scalar coefficient."""
-        several = isinstance(self.gap, Mapping)
-        return {
-            n: as_scalar(self.gap[n] if several else self.gap)
-            for n in self.contact_names
-        }
+        return {name: as_scalar(gap) for name, gap in self.given_gaps.items()}
+
+    @property
+    def given_gaps(self) -> dict[str, Coefficient]:
+        """Single contact boundary name -> its gap as it was given."""
+        names = self.contact_names
+        if not isinstance(self.gap, Mapping):
+            return dict.fromkeys(names, self.gap)
+        given = self.single("gap")
+        return {name: given[name] for name in names}
 
     @property
     def psi(self) -> CoefficientFunction:

@@ -47,8 +47,8 @@ class Problem(ProblemData):
         of the mesh that may touch or are tied, or a sequence of both; None if there is none.
     gap
         psi: distance to the obstacle along the outer normal (length), a number, a scalar
-        coefficient, or a mapping of boundary name -> either.  Negative where the obstacle
-        penetrates the undeformed body.
+        coefficient, or a mapping of boundary names, 'a' or 'a|b' -> either.  Negative where the
+        obstacle penetrates the undeformed body.
     body_force
         f (force per volume), a vector, or None.
     initial_plastic_strain

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
@@ -216,8 +215,7 @@ def _loads(problem: Problem, units: UnitNames) -> Rows:
 def _contact(problem: Problem, units: UnitNames) -> Rows:
     length = unit_of(units, "length")
     rows = []
-    for name in problem.contact_names:
-        gap = problem.gap[name] if isinstance(problem.gap, Mapping) else problem.gap
+    for name, gap in problem.given_gaps.items():
         text = f"rigid obstacle, gap {amount(gap, length)}"
         rows.append(row(f"contact of {name!r}", text))
     for pair in problem.contact_pairs:

@@ -222,8 +222,7 @@ def require_linear(state: State, direction: Direction) -> None:
 
 def _require_gaps_linear(problem: Problem, change: Mapping) -> None:
     """Refuse changes by which gaps that are lowered between nodes do not change linearly."""
-    gap = problem.gap
-    given = gap if isinstance(gap, Mapping) else dict.fromkeys(change, gap)
+    given = problem.given_gaps
     known = all(is_number(v) or v is given[n] for n, v in change.items())
     if not known and nearer_between_nodes(problem):
         raise ValueError(

@@ -456,6 +456,10 @@ PROBLEMS = {
         {"gap": {"contact": 0.1, "left": 0}},
         "gap names ['contact', 'left']",
     ),
+    "gap of a boundary twice": (
+        {"gap": {"contact|left": 0.1, "contact": 0}, "contact": "contact|left"},
+        "gap names ['contact', 'contact|left']",
+    ),
     "gap with a key of another type": (
         {"gap": {1: 0.1, "contact": 0}},
         "gap names ['1', 'contact']",

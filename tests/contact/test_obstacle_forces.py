@@ -7,13 +7,17 @@ from ngsolve import y
 from ngepc import (
     ContactForceOn,
     Coulomb,
+    Direction,
     Material,
     Problem,
+    evolve,
     goal_bound,
     primal_newton,
     semismooth_newton,
+    tangent,
 )
 from ngepc.geometries import block, imported
+from ngepc.pictures.wording import describe_problem
 
 SOFT = Material.metal(young=1e3, poisson=0.3, yield_stress=20.0, plastic_modulus=50.0)
 
@@ -95,6 +99,23 @@ def parted_top():
     mesh = block.structured_mesh(4, 2)
     named = imported.name(mesh, "first", lambda x, y: (y > 0.99) & (x < 0.26))
     return imported.name(named, "second", lambda x, y: (y > 0.99) & (x > 0.24))
+
+
+def test_gaps_of_several_boundaries_are_given_once():
+    """As loads are; in steps, in derivatives and in the table of a report, too."""
+    together = {"contact|right": -0.004 * y, "left": 0.02 * (1 - y)}
+    parts = {name: together["contact|right"] for name in ("contact", "right")}
+    found = []
+    for gaps in (together, parts | {"left": together["left"]}):
+        pushed = in_a_corner((4, 4), "contact|right|left")
+        pushed = pushed.changed(clamped="clamped", gap=gaps)
+        closer = {name: gap - 0.001 * y for name, gap in gaps.items()}
+        history = evolve(pushed, [(1.0, {}), (2.0, {"gap": closer})])
+        result = semismooth_newton(pushed)
+        change = tangent(result, {"gap": (1.0, Direction("gap", gaps))})
+        forces = [*history.column("contact_force"), change.of("contact_force")]
+        found.append((forces, describe_problem(pushed)))
+    assert found[0] == found[1]
 
 
 def test_no_obstacle_has_no_force():
