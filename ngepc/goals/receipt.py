@@ -69,6 +69,10 @@ ROUNDINGS = 8
 """Distance to the obstacle, over what rounding can hide of displacement, gap and adjoint."""
 SPARE = 1e-3
 """Fraction by which lambda is enlarged at least, so that conditions hold in spite of rounding."""
+LIGHT = 1e-4
+"""Stresses and loads of the body, over those of the goal by lambda, are no less than this part."""
+LEAST_FACTOR = 1e-18
+"""Lambda where a goal has no loads at all; the checker reads none below 1e-20."""
 EXACT = 1e-15
 """Tolerance of the conditions of an adjoint on contact facets."""
 WIDER = 1e-12
@@ -241,10 +245,12 @@ class Draft:
         motion = goal.terms.motion
         u = clear_state(self._bound_data, self._bound.state, clearance, motion)
         file = FileOf(self._bound_data, self._pieces)
+        body = receipt_arrays(file, self._bound, u)
         adjoint = goal_arrays(file, goal, u)
+        factor = max(factor, least_factor(body, adjoint))
         adjoint = {name: values / factor for name, values in adjoint.items()}
         header = self._header() | {"goal": goal.name, "factor": factor}
-        layers = [receipt_arrays(file, self._bound, u), adjoint]
+        layers = [body, adjoint]
         return in_file_order(file.cells, layers, header), header
 
     def bisect(
@@ -275,6 +281,21 @@ def factor_and_distance(
     hidden = ROUNDINGS * (N + 1) * wrong * moves
     more = max(goal.factor * SPARE, hidden / (CLEAR_OF_GOAL * largest))
     return goal.factor + more, hidden / more
+
+
+def least_factor(body: dict[str, np.ndarray], goal: dict[str, np.ndarray]) -> float:
+    """Lambda with which rounding errors of the goal's loads stay beside those of the body.
+
+    A goal that is exact has a lambda near zero, by which its loads are divided.
+    """
+
+    def largest(arrays: dict[str, np.ndarray]) -> float:
+        loads = "stress", "traction", "pressure"
+        return max(np.abs(arrays[name]).max(initial=0.0) for name in loads)
+
+    strained = largest(body)
+    part = LIGHT * largest(goal) / strained if strained else 0.0
+    return max(part, LEAST_FACTOR)
 
 
 def check_written(bound_data: BoundData, bound: ErrorBound) -> None:

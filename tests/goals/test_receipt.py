@@ -320,6 +320,35 @@ def test_cells_are_not_bisected_for_a_goal_that_is_exact(order, tmp_path):
     assert opened(path)[1]["sizes"] == header["sizes"]
 
 
+DRAWN = {
+    "clamped": None,
+    "prescribed": {"left": (0.0, 0.0, 0.0), "right": (0.002, None, None)},
+}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_displacement_that_is_given_has_a_narrow_receipt(order, tmp_path):
+    """Its adjoint is at rest and lambda near zero: with that it was +- 2.1 and 4.2."""
+    result = semismooth_newton(cube(order, cells=2, **DRAWN))
+    found = goal_bound(result, MeanDisplacement("right", 0))
+    lower, upper = write_receipt(found, tmp_path / "receipt.npz")
+    assert lower <= 0.002 <= upper
+    assert upper - lower < 1e-3 * 0.002
+
+
+def test_a_goal_that_is_zero_has_a_receipt(tmp_path):
+    """The work of no loads: lambda is 1e-52, less than what the checker reads."""
+    mesh = block.structured_mesh(5, 5, simplices=True)
+    pressed = {"contact": "contact", "gap": -0.002 - 0.001 * x}
+    problem = Problem(mesh, MATERIAL, **{**ROLLING, **pressed, "traction": None})
+    found = goal_bound(semismooth_newton(problem), "work")
+    assert found.factor < 1e-20
+    with pytest.warns(UserWarning, match="rounding errors"):
+        lower, upper = write_receipt(found, tmp_path / "receipt.npz")
+    assert lower <= 0.0 <= upper
+    assert upper - lower < 1e-12
+
+
 @pytest.mark.parametrize("vertices", [2, 3, 4])
 def test_means_of_products_by_a_rule(vertices):
     """Bernstein's polynomials of degree one and two on segments, triangles and tetrahedra."""
