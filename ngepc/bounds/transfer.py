@@ -11,7 +11,7 @@ from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
-from ngsolve import CoefficientFunction, GridFunction, Mesh, VectorH1
+from ngsolve import L2, CoefficientFunction, GridFunction, Mesh, VectorH1, VectorValued
 
 from ngepc._deprecated import old_names
 from ngepc.bounds.copies import with_matching
@@ -19,6 +19,7 @@ from ngepc.bounds.coverage import check_covered, varies_inside
 from ngepc.bounds.displacements import carried_displacements, shares_in_parents
 from ngepc.bounds.rollers import by_nodes
 from ngepc.discretisation.points import Points, on_children
+from ngepc.discretisation.polynomials import is_polynomial
 from ngepc.discretisation.spaces import displacement_space, nodal
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
@@ -108,6 +109,8 @@ def on_mesh(
         """A coefficient by its values at the points of the children."""
         before, after = points_of_both()
         values = transfer(before.at(value), before, after, parents)
+        if is_polynomial(value, problem.mesh, 0):
+            return shaped_like(value, piecewise_constant(values, after))
         return shaped_like(value, after.functions.function(values))
 
     names = [*CARRIED]
@@ -123,6 +126,20 @@ def on_mesh(
     vars(finer).update(mesh=mesh, order=order, material=replace(material, **changes))
     vars(finer).update(initial_displacement=start)
     return finer.as_solved_on(MeshState.of(mesh))
+
+
+def piecewise_constant(values: np.ndarray, points: Points) -> GridFunction:
+    """The function of order zero with these values at the points of simplices.
+
+    Products of such functions are constant, those of affine functions of a high degree.
+    """
+    columns = values[points.blocks[0].points[:, 0]].reshape(points.mesh.ne, -1)
+    space = L2(points.mesh, order=0)
+    if values.ndim > 1:
+        space = VectorValued(space, columns.shape[1])
+    result = GridFunction(space)
+    result.vec.FV().NumPy()[:] = columns.T.ravel()
+    return result
 
 
 def discrete_on(old: ExactResult, mesh: Mesh, parents: np.ndarray) -> DiscreteProblem:

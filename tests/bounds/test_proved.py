@@ -3,8 +3,9 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from ngsolve import BSpline, sqrt, x
+from ngsolve import L2, BSpline, GridFunction, sqrt, x
 
 from ngepc import (
     Material,
@@ -119,3 +120,23 @@ def test_the_command_line(pressed, monkeypatch, capsys):
     assert ("known from samples only: gap" in out) is not proved
     assert main(["solve", "lshape", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["guaranteed"] is proved
+
+
+@pytest.mark.parametrize("simplices", [True, False])
+def test_constants_of_elements_stay_constants_on_finer_meshes(simplices):
+    """The hardening of a metal has four factors: of affine functions it would be known nowhere."""
+    mesh = block.structured_mesh(4, 3, simplices=simplices)
+    heated = GridFunction(L2(mesh, order=0))
+    heated.vec.FV().NumPy()[:] = np.random.default_rng(1).uniform(0, 0.8, mesh.ne)
+    softer = 1 - 0.3 * heated
+    metal = Material.metal(
+        young=1e3 * softer, poisson=0.3, yield_stress=4.0 * softer, plastic_modulus=50.0
+    )
+    problem = Problem(mesh, metal, contact="contact", gap=-0.01)
+    result = semismooth_newton(problem)
+    assert confidence(result).startswith("Guaranteed")
+    # the first mesh of simplices is not enough
+    aim = error_bound(result).relative * (0.8 if simplices else 2)
+    refined = solve_to(problem, aim)
+    assert len(refined.records) > simplices
+    assert refined.guaranteed
