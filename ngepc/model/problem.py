@@ -30,6 +30,9 @@ class Problem(ProblemData):
     ``p`` in (2.14) is the plastic strain gained in this step; the total is
     ``initial_plastic_strain`` + p.  A change is ``dataclasses.replace(problem, gap=0.2)``.
 
+    NGSolve's ``mesh.BoundaryCF({name: value})`` and ``MaterialCF`` are None where the mesh has none
+    of the names, and None leaves an argument out: a misspelt name means no friction.
+
     Parameters
     ----------
     mesh

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import ngsolve as ngs
 import numpy as np
+from netgen.meshing import NgException
 from ngsolve.comp import SumOfIntegrals
 
 from ngepc.checks.arguments import (
@@ -223,7 +224,8 @@ Form = Callable[..., SumOfIntegrals]
 u is the displacement, the plastic strain p_0 + p and the stress are tensors, the pressure is the
 ``contact_pressure`` of results.  An example of an integral is ``InnerProduct(u, u) *
 ds("contact")``.  Plastic strain and stress are the polynomials that interpolate their values at the
-points; they have no values on boundaries.
+points; they have no values on boundaries.  An integral over no part of the mesh, as by a misspelt
+name, is refused; among several names, 'a|b', NGSolve ignores one that the mesh does not have.
 """
 
 
@@ -250,8 +252,7 @@ def _of_form(form: Form, state: State) -> Slope:
     sigma = mean * ngs.Id(kinematics.size) + kinematics.tensor(tau)
     given = (u, kinematics.tensor(p), sigma, on_contact)
     integrals = form(*given[: len(signature(form).parameters)])
-    if not isinstance(integrals, SumOfIntegrals):
-        raise TypeError(f"functional returned {integrals!r}: integrals are needed")
+    _require_integrals(integrals, mesh)
     varied = ngs.BilinearForm(space)
     here = ngs.GridFunction(space)
     slope = ngs.GridFunction(space)
@@ -269,6 +270,24 @@ def _of_form(form: Form, state: State) -> Slope:
             value.shape
         )
     return Slope(float(varied.Energy(here.vec)), by + Data(initial=by["p"]))
+
+
+def _require_integrals(integrals: object, mesh: ngs.Mesh) -> None:
+    """TypeError for something else, ValueError if one of them is over no part of the mesh."""
+    if not isinstance(integrals, SumOfIntegrals):
+        raise TypeError(f"functional returned {integrals!r}: integrals are needed")
+    for integral in integrals:
+        try:
+            measure = ngs.Integrate(ngs.CF(1.0) * integral.symbol, mesh)
+        except NgException:  # over inner facets
+            continue
+        if measure == 0:
+            boundaries = in_words(sorted(set(mesh.GetBoundaries())))
+            materials = in_words(sorted(set(mesh.GetMaterials())))
+            raise ValueError(
+                "functional has an integral over no part of the mesh: names of its boundaries "
+                f"{boundaries}, or of its materials {materials}, are needed"
+            )
 
 
 def misfit(

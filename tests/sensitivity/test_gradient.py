@@ -315,6 +315,18 @@ def test_forms_that_are_none(lshape_result):
         gradient(lshape_result, lambda fields: fields.displacement, "gap")
 
 
+@pytest.mark.parametrize("measure", [ds("contcat"), dx("steal")])
+def test_forms_over_no_part_of_the_mesh_are_refused(measure, lshape_result):
+    """A misspelt name, which NGSolve integrates to zero, alone or beside other integrals."""
+    forms = (
+        lambda u, p, stress: u[0] * measure,
+        lambda u, p, stress: u[1] * ds("contact") + u[0] * measure,
+    )
+    for form in forms:
+        with pytest.raises(ValueError, match=r"no part of the mesh: .*'clamped'"):
+            gradient(lshape_result, form, "gap")
+
+
 def test_what_is_no_solution_has_no_derivative():
     problem = lshape_problem(lshape.paper_mesh(113))
     stopped = semismooth_newton(problem, options=NewtonOptions(max_iterations=1))
