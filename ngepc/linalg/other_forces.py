@@ -50,14 +50,14 @@ def other_forces(
     sizes = S.diagonal() if sizes is None else sizes
     rigid = np.zeros((len(forces), 0)) if rigid is None else rigid
     rigid = rigid * (SOFTER if law.enumerable else SOFT_ENOUGH) ** 0.5
-    S = S + rigid @ rigid.T
+    held = S + rigid @ rigid.T
     if law.enumerable:
-        found = law.equilibria(S, gaps, forces, sizes)
+        found = law.equilibria(held, gaps, forces, sizes)
     else:
-        found = from_starts(law, S, gaps, forces, rigid)
+        found = from_starts(law, held, gaps, forces, rigid)
     for other in found:
         apart = other - forces
-        moved = S @ apart
+        moved = S @ apart  # springs alone answer forces that depend on each other
         different = apart @ moved > DIFFERENT**2 * (sizes @ forces**2)
         if different and np.abs(moved).max() > least:
             return other  # forces on held tangents do no work: they are no other equilibrium

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ngepc.linalg import box
+from ngepc.linalg import other_forces as search
 from ngepc.linalg.box import (
     cut_off_at_bounds,
     exchanged,
@@ -682,3 +683,29 @@ def test_newton_leaves_out_forces_that_are_zero(law):
     rows, chosen = rule.with_forces(closed)
     _, J = equation.linearised(y, closed, rows, chosen)
     assert len(J) == (closed | rubbing).sum() + d * rubbing.sum()
+
+
+def test_forces_that_depend_on_each_other_are_no_other_equilibrium(monkeypatch):
+    """Two equal rows share their forces in any way, and springs answer what moves nothing."""
+    random = np.random.default_rng(4)
+    m, d = 3, 2
+    S = compliance(m * (1 + d), random)
+    first, second = ([0, m, m + 1], [1, m + 2, m + 3])
+    S[second] = S[first]
+    S[:, second] = S[:, first]
+    law = FrictionCone(
+        np.full(m, np.inf), np.full(m, 0.3), np.zeros(m, bool), d, independent=False
+    )
+    gaps = -np.append(np.ones(m), np.zeros(m * d))
+    gaps[m:] = 0.1 * random.normal(size=m * d)
+    gaps[second] = gaps[first]
+    springs = 1e-8 * S.diagonal()
+    x, exact = law(Compliance.of(S + np.diag(springs)), gaps, np.zeros(len(S)))
+    assert exact
+    there = gaps + S @ x
+    other = x.copy()
+    other[first] += x[second] / 2
+    other[second] /= 2
+    assert max(offence(law, split, there) for split in (x, other)) < 1e-7
+    monkeypatch.setattr(search, "from_starts", lambda *_: [other])
+    assert other_forces(law, S, there, x, rigid=np.diag(springs**0.5)) is None
