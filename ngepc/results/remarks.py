@@ -80,8 +80,10 @@ def longest_way(result: Any) -> float:
 def unstrained(result: Any) -> str:
     """A remark where obstacles and supports move a body and do not press it."""
     balance = result.equilibrium
-    pressed = float(np.linalg.norm(balance.contact))
-    if not result.status.is_solution or balance.applied.any() or not pressed:
+    largest = result.problem.processes.maximum
+    pressed = largest(np.abs(balance.contact))
+    loaded = largest(np.abs(balance.applied)) > 0
+    if not result.status.is_solution or loaded or not pressed:
         return ""
     held = max(map(np.linalg.norm, balance.reactions.values()), default=0.0)
     if max(pressed, held) > UNSTRAINED * result.state.trial_forces:
