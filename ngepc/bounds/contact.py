@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix, diags
 
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.coverage import BUBBLE
-from ngepc.bounds.simplices import Simplices
+from ngepc.bounds.simplices import EDGES, Simplices
 from ngepc.discretisation.conditions import initial_displacements
 from ngepc.discretisation.rows import ContactRows
 from ngepc.local.system import DiscreteProblem, State
@@ -25,13 +25,11 @@ NORMAL_PASSES = 50
 
 MIDDLE = BUBBLE / 4  # its value at the middle
 WEAK = 0.1  # weight of the mean pressure beside the nodal forces where a pressure is fitted
-EDGES = {
+EDGES_OF_NGSOLVE = {
     2: ((2, 0), (1, 2), (0, 1)),
     3: ((3, 0), (3, 1), (3, 2), (0, 1), (0, 2), (1, 2)),
 }
 """The ends of the edges of a triangle and of a tetrahedron, in NGSolve's order."""
-OF_FACET = {2: ((0, 1),), 3: ((1, 2), (0, 2), (0, 1))}
-"""Those of a facet: of a triangle they lie opposite to its vertices."""
 
 
 def gathered(rows: ContactRows, of_vertices: csr_matrix) -> csr_matrix:
@@ -66,10 +64,10 @@ def nodes_of_facets(
     there = np.zeros(count, dtype=bool)
     there[vertices] = True
     nodes = nodes[there[nodes[:, : cells.N + 1]].sum(axis=1) > 1]
-    ends = np.array(EDGES[cells.N])
+    ends = np.array(EDGES_OF_NGSOLVE[cells.N])
     keys = np.sort(nodes[:, ends], axis=2) @ [count, 1]
     known, first = np.unique(keys, return_index=True)
-    of_facets = np.sort(vertices[:, np.array(OF_FACET[cells.N])], axis=2)
+    of_facets = np.sort(vertices[:, np.array(EDGES[cells.N])], axis=2)
     found = np.searchsorted(known, of_facets @ [count, 1])
     edges = nodes[:, cells.N + 1 :].ravel()[first[found]]
     return np.column_stack([vertices, edges])
@@ -166,7 +164,7 @@ class ContactFacets:
 
         The values, numbers or vectors, are those of displacements of order two.
         """
-        ends = np.array(OF_FACET[self.N])
+        ends = np.array(EDGES[self.N])
         return values[:, ends].mean(axis=2) + BUBBLE / 2 * values[:, self.N :]
 
     def least_coefficients(self, slack: np.ndarray, edge: int) -> np.ndarray:
@@ -177,7 +175,7 @@ class ContactFacets:
         """
         if self.N == 3:
             return np.zeros(len(slack))
-        ends = np.array(OF_FACET[2][edge])
+        ends = np.array(EDGES[2][edge])
         return -np.sqrt(np.maximum(slack[:, ends].prod(axis=1), 0.0))
 
     def lift(self, slack: np.ndarray) -> float:
@@ -218,7 +216,7 @@ class ContactFacets:
         rounding = CLEAR * np.abs(u).max(initial=0.0)
         for _ in range(NORMAL_PASSES):
             most = 0.0
-            for k in range(len(OF_FACET[self.N])):
+            for k in range(len(EDGES[self.N])):
                 slack = self.slack(u)
                 lowest = self.least_coefficients(slack, k)
                 middle = self.edge_coefficients(slack)[:, k]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ngepc.bounds.contact import EDGES
+from ngepc.bounds.contact import EDGES_OF_NGSOLVE
 from ngepc.bounds.coverage import BUBBLE
 from ngepc.discretisation.points import Points
 from ngepc.model.elements import inverses, vertex_coordinates
@@ -38,7 +38,7 @@ def carried_displacements(
     share = shares.values
     corners = np.matmul(share, u[there[:, :ends]])
     if before.order == 2:
-        a, b = np.transpose(EDGES[N])
+        a, b = np.transpose(EDGES_OF_NGSOLVE[N])
         bubbles = u[there[:, ends:]]
         along = share[:, a] - share[:, b]
         corners += BUBBLE * np.matmul(share[:, :, a] * share[:, :, b], bubbles)

@@ -21,6 +21,7 @@ from operator import add
 import numpy as np
 
 from ngepc.bounds.coverage import BUBBLE, FACET_RULES, lowest_of_quadratics
+from ngepc.bounds.simplices import EDGES
 from ngepc.discretisation.formulas import formula_on
 from ngepc.discretisation.lattices import parts_of_simplex
 from ngepc.discretisation.operations import FacetCorners, Operation
@@ -35,8 +36,6 @@ SLOPES = (1.0, 0.25, 0.0625, 0.015625, 0.0)
 """Parts of the differences of a gap at the vertices that affine functions below it can have."""
 ROUNDING = 1e-14
 """Part of the size of their terms by which polynomials are moved apart, for rounding errors."""
-EDGES = {2: ((0, 1),), 3: ((1, 2), (0, 2), (0, 1))}
-"""The ends of the edges of a facet; of a triangle opposite to the vertices."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,9 @@ from functools import cached_property
 import numpy as np
 
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.contact import OF_FACET, nodes_of_facets
+from ngepc.bounds.contact import nodes_of_facets
 from ngepc.bounds.coverage import BUBBLE
+from ngepc.bounds.simplices import EDGES
 from ngepc.local.system import DiscreteProblem
 
 
@@ -37,7 +38,7 @@ class Foundation:
         self.nodes = nodes_of_facets(discrete, c, c.facets[self.facets])
         functions = boundary.rule.shares
         if discrete.problem.order == 2:
-            ends = np.array(OF_FACET[c.N])
+            ends = np.array(EDGES[c.N])
             edges = BUBBLE * functions[:, ends].prod(axis=2)
             functions = np.concatenate([functions, edges], axis=1)
         self._gram = functions.T @ (boundary.rule.weights[:, None] * functions)

@@ -9,18 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 from ngsolve import ET, IntegrationRule
 
-from ngepc.bounds.simplices import FACETS
+from ngepc.bounds.simplices import EDGES, FACETS
 
 NODES = {9: 3, 16: 4, 18: 6}  # nodes of each part by those of a cell
-
-
-EDGES = {3: FACETS[2], 4: list(combinations(range(4), 2))[::-1]}
-"""The vertices of the coefficients that follow those of the vertices of a simplex."""
 
 
 def quadratics(shares: np.ndarray, others: np.ndarray | None = None) -> np.ndarray:

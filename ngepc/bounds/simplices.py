@@ -21,6 +21,13 @@ from ngepc.model.elements import (
     vertex_coordinates,
 )
 
+EDGES = {
+    2: ((0, 1),),
+    3: ((1, 2), (0, 2), (0, 1)),
+    4: ((2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)),
+}
+"""The ends of the edges of a simplex, by the number of its vertices."""
+
 # local vertices of facet k in N dimensions
 FACETS = {2: ((1, 2), (2, 0), (0, 1)), 3: ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))}
 

@@ -21,7 +21,7 @@ from ngsolve import CF, ET, VOL, IntegrationRule
 from ngepc._version import __version__
 from ngepc.bounds.bound import state_of
 from ngepc.bounds.boundary import Boundary
-from ngepc.bounds.contact import EDGES, LEVEL
+from ngepc.bounds.contact import EDGES_OF_NGSOLVE, LEVEL
 from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.coverage import BUBBLE, CONSTANT
 from ngepc.bounds.coverage import COVERS as BOUNDED
@@ -288,14 +288,15 @@ def least_factor(body: dict[str, np.ndarray], goal: dict[str, np.ndarray]) -> fl
 
     A goal that is exact has a lambda near zero, by which its loads are divided.
     """
-
-    def largest(arrays: dict[str, np.ndarray]) -> float:
-        loads = "stress", "traction", "pressure"
-        return max(np.abs(arrays[name]).max(initial=0.0) for name in loads)
-
-    strained = largest(body)
-    part = LIGHT * largest(goal) / strained if strained else 0.0
+    strained = largest_stress(body)
+    part = LIGHT * largest_stress(goal) / strained if strained else 0.0
     return max(part, LEAST_FACTOR)
+
+
+def largest_stress(arrays: dict[str, np.ndarray]) -> float:
+    """The largest number among stresses, tractions and pressures of a receipt."""
+    loads = "stress", "traction", "pressure"
+    return max(np.abs(arrays[name]).max(initial=0.0) for name in loads)
 
 
 def check_written(bound_data: BoundData, bound: ErrorBound) -> None:
@@ -452,7 +453,7 @@ class FileOf:
             self.bound_data.discrete.points.blocks[0].nodes, [v], axis=1
         )
         place = (vertices[:, :, None] == c.nodes[:, None]).argmax(axis=2)
-        for edge, (i, j) in zip(edges.T, EDGES[c.N], strict=True):
+        for edge, (i, j) in zip(edges.T, EDGES_OF_NGSOLVE[c.N], strict=True):
             between = check_receipt.BETWEEN[2, v][place[:, i], place[:, j]]
             local[rows, between] += BUBBLE / 2 * u[edge]
         return local
