@@ -244,7 +244,7 @@ def check_obstacles(problem: ProblemData) -> None:
         raise ValueError(f"gap={in_words(given)}: {needed}")
     several = isinstance(given, Mapping)
     if several:
-        named = [part for key in given for part in str(key).split("|")]
+        named = [n for key in given for n in boundary_names("gap", key, problem.mesh)]
         if sorted(named) != sorted(names):
             wrong = sorted(map(str, given))
             raise ValueError(

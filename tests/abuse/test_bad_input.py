@@ -460,9 +460,9 @@ PROBLEMS = {
         {"gap": {"contact|left": 0.1, "contact": 0}, "contact": "contact|left"},
         "gap names ['contact', 'contact|left']",
     ),
-    "gap with a key of another type": (
-        {"gap": {1: 0.1, "contact": 0}},
-        "gap names ['1', 'contact']",
+    "gap of a misspelt boundary": (
+        {"gap": {"contact|contcat": 0.1}},
+        "gap='contact|contcat': there is no boundary 'contcat'; this mesh has",
     ),
     "gap NaN in a mapping": (
         {"gap": {"contact": NAN}},
@@ -637,6 +637,10 @@ PROBLEMS = {
     ),
 }
 PROBLEM_TYPES = {
+    "gap with a key of another type": (
+        {"gap": {1: 0.1, "contact": 0}},
+        "gap=1: a boundary name or several ('left|right') are needed",
+    ),
     "displacements for clamped": (
         {"clamped": {"clamped": (0, None)}},
         "prescribed={'left': (0, None)} takes displacements",
