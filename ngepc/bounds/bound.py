@@ -12,6 +12,7 @@ integrals over the cells are the indicators.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -86,7 +87,9 @@ def error_bound(result: object) -> ErrorBound:
     result = result_by_nodes(result)
     check_sizes(result.state)
     bound = None if problem.kinematics.hoop else bound_on_copy(result)
-    return bound or bound_of(data_on(result.discrete), result.state)
+    if bound is None:
+        return bound_of(data_on(result.discrete), result.state)
+    return bound if math.isfinite(bound.total) else finite_or(bound, result)
 
 
 def solved_problem(result: object) -> Problem:
@@ -142,6 +145,15 @@ def bound_on_copy(result: ExactResult) -> ErrorBound | None:
     per_cell = np.bincount(parents, bound.per_cell, minlength=cells)
     total = float(per_cell.sum())
     return replace(bound, total=total, per_cell=per_cell, given=result.problem)
+
+
+def finite_or(infinite: ErrorBound, result: ExactResult) -> ErrorBound:
+    """The bound on the mesh of a result, or the infinite one on its copy if that is no better."""
+    try:
+        own = bound_of(data_on(result.discrete), result.state)
+    except RuntimeError:  # beyond limit loads rounding spoils equilibrium
+        return infinite
+    return own if math.isfinite(own.total) else infinite
 
 
 def clear_copy(

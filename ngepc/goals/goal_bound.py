@@ -44,12 +44,13 @@ from ngepc.goals.adjoint_conditions import EPS
 from ngepc.goals.goal_interval import GoalBound, interval_of_elements, thick_goal
 from ngepc.goals.goal_terms import GoalTerms, check_goal, goal_of_result, terms_of
 from ngepc.goals.integrand import BoundPart, Integrand
-from ngepc.goals.kinds import as_goal, over_elements_of
+from ngepc.goals.kinds import Goal, as_goal, over_elements_of
 from ngepc.goals.resultant import largest_resultant
 from ngepc.goals.sub_elements import SubElements
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.secants import Compliance
 from ngepc.local.result import ExactResult
+from ngepc.local.system import State
 from ngepc.model.features import FEATURES, require_covered
 from ngepc.model.problem import Problem
 
@@ -72,7 +73,7 @@ LARGEST = 1e12
 UNBOUNDED = 12
 """How often lambda is doubled where the supremum is infinite, as without hardening."""
 UNMOVED = 1e-12
-"""Lambda of a goal that no load of the problem moves."""
+"""Lambda of a goal that no load of the problem moves, times displacements over the adjoint's."""
 ROUNDING = 1e-12
 """Part of the works in an interval by which it is widened, for rounding errors."""
 SUPREMA = 1e-14
@@ -152,6 +153,7 @@ class GoalProblem:
         bound, search = bound_and_search(bound_data, state, tangent)
         self._take(bound_data, bound, tangent, search, result.compliance)
         self._mesh = one.problem.mesh
+        self._given = one.state
         if parents is not None:
             self._copied = given.problem, parents
         if given is not one:
@@ -167,14 +169,17 @@ class GoalProblem:
         tangent: Factors,
         search: Any,
         compliance: Compliance | None = None,
+        given: State | None = None,
     ) -> GoalProblem:
         """The same from the results of ``bound_and_search`` and the factors that it used.
 
-        ``compliance`` is a guess of that of the contact rows, from Newton's method for example.
+        ``compliance`` is a guess of that of the contact rows, from Newton's method for example;
+        ``given`` is the state before it was cleared of the obstacle, None if it was clear.
         """
         made = cls.__new__(cls)
         check_goals(bound_data.problem)
         made._take(bound_data, bound, tangent, search, compliance)
+        made._given = bound.state if given is None else given
         return made
 
     def _take(
@@ -230,11 +235,20 @@ class GoalProblem:
         start = self._adjoints.start(terms)
         best = self._best(start, self._first(start) if near is None else near)
         found = self._interval(start, best.finite(), discrete)
-        if self._cut is not None:
-            found = replace(found, discrete=goal_of_result(goal, self._cut))
+        found = replace(found, discrete=self._goal_of_given(goal, terms))
         if self._copied is not None:
             found = interval_of_elements(found, *self._copied)
         return found if self._thick is None else thick_goal(found, self._thick)
+
+    def _goal_of_given(self, goal: Goal, terms: GoalTerms) -> float:
+        """The goal of the result, not of the displacement that clears the obstacle for the bound.
+
+        That is one on another mesh where two bodies meet; both have the same contact forces.
+        """
+        if self._cut is not None:
+            return goal_of_result(goal, self._cut)
+        force = terms.contact_force(self.bound_data, self.bound.state)
+        return force + goal.form(self._given.discrete.problem).work(self._given)
 
     def _first(self, start: Start) -> float:
         """The first lambda for a goal; what suffices if its adjoint does not move."""
@@ -244,12 +258,14 @@ class GoalProblem:
         if first > 0:
             return first
         wanted = np.abs(start.goal.factor).max(initial=0.0)
+        largest = np.abs(self.bound.state.u).max()
         if wanted == 0:
-            return UNMOVED
+            moved = np.abs(start.base.z + start.lift).max()
+            return float(UNMOVED * (moved / largest or 1.0))
         enough = self._adjoints.enough(start.goal)
         if math.isfinite(enough):
             return enough
-        return float(wanted / np.abs(self.bound.state.u).max())
+        return float(wanted / largest)
 
     def _best(self, start: Start, factor: float) -> Candidate:
         """The best lambda and its adjoint, from a lambda near the best.

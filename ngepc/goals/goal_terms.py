@@ -56,13 +56,16 @@ class GoalTerms(GoalForm):
 
     def value(self, bound_data: BoundData, state: State) -> float:
         """The goal of a discrete state."""
-        value = self.work(state)
+        return self.work(state) + self.contact_force(bound_data, state)
+
+    def contact_force(self, bound_data: BoundData, state: State) -> float:
+        """The part of the goal that is made of contact pressures; zero without it."""
         if not self.factor.any():
-            return value
+            return 0.0
         forces = np.maximum(state.multipliers, 0.0)
         if (self.factor == 1).all():
-            return value + float(forces.sum())
-        return value + float(self.factor @ bound_data.contact.resultants(forces))
+            return float(forces.sum())
+        return float(self.factor @ bound_data.contact.resultants(forces))
 
 
 def check_goal(goal: object, problem: Problem) -> None:

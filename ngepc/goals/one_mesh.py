@@ -51,19 +51,21 @@ class Pause:
 
 
 class Tools(NamedTuple):
-    """What a bound was computed with: data, tangent, search, and the compliance of the rows.
+    """What a bound was computed with: data, tangent, search, compliance of the rows, and the state.
 
-    The latter is None where the rows of rollers are not those of the bound.
+    The compliance is None where the rows of rollers are not those of the bound; ``given`` is the
+    state before it was cleared of the obstacle.
     """
 
     bound_data: BoundData
     tangent: Factors
     search: Any
     compliance: Compliance | None
+    given: State
 
     def goals(self, bound: ErrorBound) -> GoalProblem:
         """The intervals of goals for the bound."""
-        rest = self.tangent, self.search, self.compliance
+        rest = self.tangent, self.search, self.compliance, self.given
         return GoalProblem.of_bound(self.bound_data, bound, *rest)
 
 
@@ -89,7 +91,8 @@ def solved(
         steps += result.iterations
         held = state_by_nodes(result.state, bound_data.discrete)
         bound, search = bound_and_search(bound_data, held, nodal)
-        tools = Tools(bound_data, nodal, search, compliance if alike else None)
+        known = compliance if alike else None
+        tools = Tools(bound_data, nodal, search, known, held)
         if not pause.paused:
             return result, bound, steps, tools
         # Newton steps do not reduce the cost of clearing the obstacle between the nodes

@@ -90,7 +90,8 @@ class SearchedLaw(ABC):
         least = law.potential(*centres)[:, 0]
         finite = np.isfinite(least)
         estimate = np.full(len(least), np.inf)
-        estimate[finite] = (least + INSIDE[k] * (bound - least))[finite]
+        least, above = least[finite], bound[finite]
+        estimate[finite] = least + INSIDE[k] * (above - least)
         found[:, other] = bound, estimate
         return found
 

@@ -265,6 +265,44 @@ def test_the_goal_of_a_result_is_its_own_number(size, order):
         assert goal_bound(result, goal).discrete == pytest.approx(value, rel=1e-10)
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_goal_of_a_result_that_the_bound_clears_of_the_obstacle_is_its_own(order):
+    """A round obstacle between the nodes: the bound is that of a displacement moved clear of it."""
+    disc = 2 - (4 - (x - 0.5) * (x - 0.5)) ** 0.5 - 3e-3
+    square = block.structured_mesh(3, 3, simplices=True)
+    pressed = {"contact": "contact", "gap": disc, "order": order}
+    result = semismooth_newton(Problem(square, MATERIAL, "clamped", **pressed))
+    top = square.Boundaries("contact")
+    mean = Integrate(result.displacement[1], square, definedon=top)
+    found = goal_bound(result, MeanDisplacement("contact", 1))
+    assert found.bound.moved > 0.01 * abs(mean)
+    assert found.discrete == pytest.approx(mean, rel=1e-9)
+    run = solve_to(result.problem, goal=MeanDisplacement("contact", 1), percent=1e9)
+    of_run = Integrate(run.result.displacement[1], square, definedon=top)
+    assert run.goal.discrete == pytest.approx(of_run, rel=1e-9)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 1e4])
+def test_a_reaction_that_no_load_moves_where_the_law_ends(size):
+    """Its adjoint is a rigid motion, in bodies of every size; suprema need a lambda for rounding.
+
+    The interval was infinite where the curve is constant beyond its last point.
+    """
+    curve = [(1e-3, 200.0), (1e-2, 320.0), (5e-2, 400.0), (0.2, 430.0)]
+    metal = Material.metal(young=200e3, poisson=0.29, curve=curve)
+    widths = size * np.append(0.0, np.geomspace(0.01, 1.0, 9))
+    mesh = block.structured_mesh(9, 4, size=(size, size), simplices=True)
+    for point in mesh.ngmesh.Points():
+        point[0] = np.interp(point.p[0], np.linspace(0, size, 10), widths)
+    gap = 1e-4 * (size + x)
+    given = {"contact": "clamped", "gap": gap, "order": 2}
+    pushed = {"contact": (0.0, -150.0)}
+    problem = Problem(Mesh(mesh.ngmesh), metal, "right", pushed, **given)
+    found = goal_bound(semismooth_newton(problem), Reaction("right", 0))
+    assert found.lower <= 0 <= found.upper
+    assert found.width < 1e-6 * 150.0 * size
+
+
 def test_a_reaction_on_needles():
     """The support of a plate of 0.001 x 0.7 moves by one; the forces of that cancel."""
     mesh = block.mesh(0.4, (1.0, 0.7))

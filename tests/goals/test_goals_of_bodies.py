@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from campaigns.intervals import fine_problem, value_of
 from netgen.occ import Compound, MoveTo, OCCGeometry, Rectangle
-from ngsolve import Mesh
+from ngsolve import Mesh, x
 from stacked import (
     ELASTIC,
     LEFT,
@@ -237,3 +237,15 @@ def test_pressures_of_adjoints_balance_loads():
     same = limited_pressure(works, pi, most, works.of(pi))
     assert np.array_equal(same, pi)
     assert limited_pressure(works, pi, most, 1.1 * largest) is None
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_goal_of_a_result_on_meshes_that_do_not_match_is_its_own(order):
+    """On the bound's copy, whose meshes match, the displacement of the result is no equilibrium."""
+    problem = columns(order, PAIR, 3.0)
+    problem = replace(problem, traction={"top": (0.0, -3.0 - 2.0 * x)})
+    result = semismooth_newton(problem)
+    for support, component in (("left", 0), ("bottom", 1)):
+        force = result.equilibrium.reactions[support][component]
+        found = goal_bound(result, Reaction(support, component))
+        assert found.discrete == pytest.approx(force, rel=1e-9, abs=1e-9)
