@@ -39,7 +39,8 @@ class ErrorBound:
         and hexahedra an upper bound of the energy of the result itself, not of v; of v where
         ``moved`` > 0.
     total
-        Upper bound of the energy error (force times length).
+        Upper bound of the energy error (force times length), >= 0: it and ``algebraic`` are zero
+        where rounding errors make the sums negative.
     algebraic
         Upper bound of J(u) - J_h: the part that further iterations on this mesh would remove, and
         the energy needed to remove penetration between the nodes.
@@ -75,6 +76,10 @@ class ErrorBound:
     oscillation: float = 0.0
     given: Problem | None = field(default=None, repr=False)
     sprung: np.ndarray | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("total", "algebraic"):
+            vars(self)[name] = max(getattr(self, name), 0.0)
 
     @property
     def problem(self) -> Problem:
@@ -140,7 +145,7 @@ class ErrorBound:
 
         Its square is an energy: 2 ``total``.
         """
-        return float(np.sqrt(2 * max(self.total, 0.0)))
+        return float(np.sqrt(2 * self.total))
 
     @property
     def strain(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,8 +34,8 @@ LAST_DEGREE = 3
 EXCESS = 3.0
 """Price of the strength of a cell over its dissipation from which on it holds the bound down."""
 
-MOST_NEGATIVE = -1e6
-"""An upper bound below this number, in units of strength over load, counts as minus infinity."""
+ROUNDED = 1e-12
+"""Relative rounding errors of upper bounds, whose difference may be small beside them."""
 
 TINY = 1e-300
 """Smallest number that is divided by."""
@@ -214,16 +215,6 @@ def upper_on(
     return Found(mechanism, len(program.cost), found.steps, found.status)
 
 
-def is_overloaded(above: Found) -> bool:
-    """Whether the constant loads do more power than some mechanism dissipates.
-
-    The program of the upper bound has no minimum then, or a very negative value.
-    """
-    if above.word in UNBOUNDED:
-        return True
-    return above.field is not None and above.field.factor < MOST_NEGATIVE
-
-
 def velocities_on(
     data: LimitData, shape: YieldShape, degree: int
 ) -> ContinuousVelocities | SlidingVelocities:
@@ -233,24 +224,31 @@ def velocities_on(
     return SlidingVelocities(data, shape)
 
 
-def none_holds(
-    data: LimitData, shape: YieldShape, degree: int, above: Found, precision: float
-) -> bool:
+def none_holds(above: Found, back: Callable[[], Found]) -> bool:
     """Whether mechanisms prove that no factor holds the constant loads.
 
-    A negative upper bound leaves factors that act the other way.  The upper bound of these is that
-    of the reversed growing loads: no factor is left if both add up to less than zero.
+    The program of the upper bound has no minimum then, or a negative value of any size.  A negative
+    upper bound alone leaves factors that act the other way.  The upper bound of these is that of
+    the reversed growing loads, ``back``: no factor is left if both add up to less than zero.
     """
-    if above.field is None or above.field.factor >= 0:
+    if above.field is None:
+        return above.word in UNBOUNDED
+    if above.field.factor >= 0:
         return False
-    force, traction = data.force.copy(), data.traction.copy()
-    force[GROWS] *= -1
-    traction[GROWS] *= -1
-    back = replace(data, force=force, traction=traction, motion=-data.motion)
-    reversed_ = upper_on(velocities_on(back, shape, degree), precision)
+    reversed_ = back()
     if reversed_.field is None:
         return reversed_.word in UNBOUNDED
-    return above.field.factor + reversed_.field.factor < 0
+    forwards, backwards = above.field.factor, reversed_.field.factor
+    return forwards + backwards < -ROUNDED * (abs(forwards) + abs(backwards))
+
+
+def reversed_data(data: LimitData) -> LimitData:
+    """The same data with growing loads, or motions of supports, that act the other way."""
+    force = data.force.copy()
+    traction = data.traction.copy()
+    force[GROWS] *= -1
+    traction[GROWS] *= -1
+    return replace(data, force=force, traction=traction, motion=-data.motion)
 
 
 def locked(data: LimitData, below: Found, above: Found) -> np.ndarray:
@@ -297,9 +295,12 @@ def bracket_on(
     flat = data.cells.N == 2
     degree = LAST_DEGREE if is_last else DEGREE
     above = upper_on(velocities_on(data, shape, degree), precision)
-    overloaded = is_overloaded(above)
-    if below.field is None and not overloaded:
-        overloaded = none_holds(data, shape, degree, above, precision)
+
+    def back() -> Found:
+        """The best mechanism of the growing loads that act the other way."""
+        return upper_on(velocities_on(reversed_data(data), shape, degree), precision)
+
+    overloaded = below.field is None and none_holds(above, back)
     marks = gaps_of(data, shape, below.field, above.field)
     marks = marks + locked(data, below, above)
     both = below.field is not None and above.field is not None

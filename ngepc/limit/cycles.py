@@ -21,11 +21,12 @@ from scipy.sparse import csr_matrix, eye, hstack, kron, vstack
 
 from ngepc.limit.bracket import (
     UNBOUNDED,
+    Found,
     MeshBracket,
     centre_of,
-    is_overloaded,
     locked,
     lower_on,
+    none_holds,
     upper_on,
 )
 from ngepc.limit.continuous import ContinuousVelocities, sampling
@@ -290,6 +291,11 @@ def cycle_bracket_on(
         centre = centre_of(statics)
     below = lower_on(statics, centre, precision)
     above = upper_on(StrainCycles(data, shape, elastic), precision)
+
+    def back() -> Found:
+        """The best cycle of the loads that act the other way."""
+        return upper_on(StrainCycles(data, shape, -elastic), precision)
+
     bracket = CycleBracket(
         data,
         shape,
@@ -297,7 +303,7 @@ def cycle_bracket_on(
         above.field,
         cycle_gaps(statics, below.field, above.field) + locked(data, below, above),
         below.word in UNBOUNDED,
-        is_overloaded(above),
+        below.field is None and none_holds(above, back),
         (below.unknowns, above.unknowns),
         (below.steps, above.steps),
         (below.word, above.word),

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 
 import numpy as np
 from ngsolve import CoefficientFunction, GridFunction, Mesh
 
 from ngepc.bounds.sizes import power_of_two
+from ngepc.checks.labelled import Labelled
 from ngepc.checks.sentences import counted, outward
 from ngepc.limit.bracket import MeshBracket
 from ngepc.limit.fields import (
@@ -33,7 +33,7 @@ NEGATIVE = (
 )
 
 
-class LimitStatus(Enum):
+class LimitStatus(Labelled):
     """How the search for a limit load ended; the value is the sentence for the user."""
 
     REACHED = "The bounds are as close as requested."
@@ -53,14 +53,6 @@ class LimitStatus(Enum):
         "The growing loads drive a rigid motion that supports and obstacles leave free: the limit"
         " load is zero."
     )
-
-    def __str__(self) -> str:
-        return self.label
-
-    @property
-    def label(self) -> str:
-        """Short name for tables and files: 'reached', 'mesh_limit', ..."""
-        return self.name.lower()
 
     @property
     def is_success(self) -> bool:

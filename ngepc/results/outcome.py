@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any, TypeVar
 
+from ngepc.checks.labelled import Labelled
 
-class Status(Enum):
+
+class Status(Labelled):
     """How a run ended; the value is the sentence for the user."""
 
     CONVERGED = "The residual, computed afresh at the end, meets the tolerance."
@@ -37,14 +38,6 @@ class Status(Enum):
         "The increments are less accurate than requested; shorter ones are not allowed."
     )
     STOPPED = "The monitor (or an interrupt) stopped the run; the state is the last one reached."
-
-    def __str__(self) -> str:
-        return self.label
-
-    @property
-    def label(self) -> str:
-        """Short name for tables and files: 'converged', 'iteration_limit', ..."""
-        return self.name.lower()
 
     @property
     def is_success(self) -> bool:

@@ -313,3 +313,24 @@ def test_parts_that_hinge_at_a_vertex_are_refused():
 def test_a_result_is_needed():
     with pytest.raises(TypeError, match="result=3"):
         error_bound(3)
+
+
+@pytest.mark.parametrize("n", [3, 4])
+def test_bounds_of_exact_solutions_are_not_negative(n):
+    """A plate that is pulled evenly: rounding errors of the cells add up to either sign."""
+    steel = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1e6, hardening=100.0
+    )
+    plate = Problem(
+        block.structured_mesh(n, n, simplices=True),
+        steel,
+        None,
+        prescribed={"clamped": (None, 0), "left": (0, None)},
+        traction={"right": (1.0, 0)},
+        kinematics="plane stress",
+        order=1,
+    )
+    bound = error_bound(semismooth_newton(plate))
+    tiny = 1e-14 * bound.strain_energy
+    for error in (bound.total, bound.algebraic, bound.discretisation):
+        assert 0 <= error <= tiny

@@ -339,6 +339,15 @@ def test_a_negative_limit_load_is_said():
     assert "collapse" not in carried.message
 
 
+@pytest.mark.parametrize("push", [15.0, 1e8])
+def test_a_factor_that_is_very_negative_is_one(push):
+    """A growing load that is small beside the constant one holds it, whatever the ratio is."""
+    loads = {"contact": (0, 1.0), "right": (-push, 0)}
+    found = limit_load(square(traction=loads), growing=["contact"])
+    assert found.status is LimitStatus.REACHED
+    assert found.lower <= 20 / math.sqrt(3) - push <= found.upper < 0
+
+
 def test_a_thickness_of_one_is_none():
     problem = square(traction={"contact": (1.0, 0)})
     limits = [limit_load(replace(problem, thickness=t), 0.1) for t in (None, 1, 1.0)]
