@@ -77,15 +77,12 @@ def outside(x: ndarray, V: ndarray) -> tuple[ndarray, ndarray]:
 
 def supremum(y: ndarray, w: ndarray, r: ndarray, H: ndarray, beta: ndarray) -> ndarray:
     """Means of X - |y|^2/4 from above, by the lemma with any r >= 0 and D."""
-    b = H * (1 + H)
-    V = beta * (1 + 2 * H)
+    b, V = H * (1 + H), beta * (1 + 2 * H)
     r = np.clip(r, 0.0, np.maximum(size(w) - V, 0.0) / b)
     W = V + 2 * b * r
-    z = beta * y + r * w
-    m = np.maximum(np.sqrt(einsum("kcK,kcK->kK", z, z)), 2 * beta**2)[:, None]
-    D = y * (1 - 2 * beta**2 / m) - w * (2 * beta * r / m)
-    A = beta * np.sqrt(einsum("kcK,kcK->kK", D, D))
-    z = beta * D + r * w
+    near, far = beta * y, r * w
+    z, reach = outside(near + far, 2 * beta**2)
+    A = np.sqrt(einsum("kcK,kcK->kK", z - far, z - far))
     n = z.mean(axis=0)
     gained = einsum("kcK,cK->kK", z, n / (size(n) + 1 / LARGEST)) - A
     short = (r > 0) * np.maximum(W - gained / np.where(r > 0, r, 1.0), 0.0)
@@ -93,8 +90,9 @@ def supremum(y: ndarray, w: ndarray, r: ndarray, H: ndarray, beta: ndarray) -> n
     spare = (r == 0) * np.maximum(2 * beta - np.sqrt((y**2).sum(axis=1)).max(axis=0), 0)
     less = np.maximum(over**2 - b * spare**2, 0.0).mean(axis=0)
     square = np.minimum(inner(excess, excess), less) + (short**2).mean(axis=0)
-    upper = np.minimum(np.sqrt(inner(z, z)), np.sqrt((z**2).sum(axis=1)).mean(axis=0))
-    return inner(D, D - 2 * y) / 4 + upper - r * (W - b * r) + square / (4 * b)
+    upper = np.minimum(np.sqrt(inner(z, z)), reach.mean(axis=0))
+    change = inner(z - far, z - far - 2 * near) / (2 * beta) ** 2
+    return change + upper - r * (W - b * r) + square / (4 * b)
 
 
 def arrays_in(words: ndarray, header: dict) -> dict:
@@ -150,8 +148,8 @@ class Body:
         self.volume = np.abs(det) / math.factorial(N)
         self.steep = size(cofactors) / np.abs(det)
         self.wrong = EPS * (self.length * self.steep) ** (N - 1)
-        last = cofactors.sum(axis=1, keepdims=True)
-        self.area = np.concatenate([-cofactors, last], axis=1) * np.sign(det) / (N - 1)
+        cofactors *= np.sign(det) / (N - 1)
+        self.area = np.append(-cofactors, cofactors.sum(axis=1)[:, None], axis=1)
         self.across = einsum("cxy,yvK->vcxK", matrices, self.area)
         ends = np.concatenate(self.cells[self.on_side], axis=1)
         area = self.area.reshape(self.N, -1)
@@ -280,10 +278,12 @@ class Body:
 
 def check(path: str) -> str:
     """What a receipt shows; ValueError and others if it does not."""
-    with open(path, "rb") as words, np.lib.npyio.NpzFile(words) as file:
-        header = json.loads(str(file["header"]))
+    with open(path, "rb") as file, np.lib.npyio.NpzFile(file) as members:
+        header = json.loads(str(members["header"]))
         need(header["format"] == FORMAT, f"format: not {FORMAT!r}, write it again")
-        proved = Body(file["receipt"], header).intervals(float(header.get("factor", 1)))
+        members.zip.open("receipt.npy")  # file stands at its first byte
+        words = np.lib.format.read_array(file)  # without the checksum, which takes time
+    proved = Body(words, header).intervals(float(header.get("factor", 1)))
     for name, value in proved.items():
         need(type(header[name]) in (int, float), f"{name}: no number")
         right = header[name] <= value if "lower" in name else value <= header[name]
