@@ -261,7 +261,8 @@ class GoalProblem:
         largest = np.abs(self.bound.state.u).max()
         if wanted == 0:
             moved = np.abs(start.base.z + start.lift).max()
-            return float(UNMOVED * (moved / largest or 1.0))
+            quotient = moved / largest if moved and largest else 1.0
+            return float(UNMOVED * quotient)
         enough = self._adjoints.enough(start.goal)
         if math.isfinite(enough):
             return enough

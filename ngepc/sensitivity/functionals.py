@@ -21,7 +21,6 @@ from ngepc.checks.arguments import (
     require_vector,
 )
 from ngepc.checks.kinds import require_attributes, require_instance, require_text
-from ngepc.checks.measures import misspelt_name
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.hill_law import HillLaw
 from ngepc.discretisation.spaces import nodal
@@ -225,8 +224,8 @@ Form = Callable[..., SumOfIntegrals]
 u is the displacement, the plastic strain p_0 + p and the stress are tensors, the pressure is the
 ``contact_pressure`` of results.  An example of an integral is ``InnerProduct(u, u) *
 ds("contact")``.  Plastic strain and stress are the polynomials that interpolate their values at the
-points; they have no values on boundaries.  A name in ``ds("a|b")`` or ``dx("a|b")`` that the mesh
-does not have is refused, and an integral over no part of the mesh.
+points; they have no values on boundaries.  An integral over no part of the mesh, as by a misspelt
+name, is refused; among several names, 'a|b', NGSolve ignores one that the mesh does not have.
 """
 
 
@@ -274,20 +273,14 @@ def _of_form(form: Form, state: State) -> Slope:
 
 
 def _require_integrals(integrals: object, mesh: ngs.Mesh) -> None:
-    """TypeError for something else, ValueError for misspelt names and over no part of the mesh."""
+    """TypeError for something else, ValueError if one of them is over no part of the mesh."""
     if not isinstance(integrals, SumOfIntegrals):
         raise TypeError(f"functional returned {integrals!r}: integrals are needed")
     for integral in integrals:
         try:
             measure = ngs.Integrate(ngs.CF(1.0) * integral.symbol, mesh)
-            wrong = misspelt_name(integral, mesh)
         except NgException:  # over inner facets
             continue
-        if wrong is not None:
-            raise ValueError(
-                f"functional has an integral over {wrong[0]!r}, which the mesh does not have: "
-                f"its names are {in_words(wrong[1])}"
-            )
         if measure == 0:
             boundaries = in_words(sorted(set(mesh.GetBoundaries())))
             materials = in_words(sorted(set(mesh.GetMaterials())))

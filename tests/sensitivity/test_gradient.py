@@ -315,51 +315,16 @@ def test_forms_that_are_none(lshape_result):
         gradient(lshape_result, lambda fields: fields.displacement, "gap")
 
 
-@pytest.mark.parametrize(
-    ("measure", "wrong", "legal"),
-    [
-        (ds("contcat"), "contcat", "clamped"),
-        (dx("steal"), "steal", "body"),
-        (ds("contact|lad"), "lad", "clamped"),
-        (dx(definedon="steal|body"), "steal", "body"),
-        (ds("body|contact"), "body", "clamped"),
-    ],
-)
-def test_forms_over_names_that_the_mesh_does_not_have_are_refused(
-    measure, wrong, legal, lshape_result
-):
-    """NGSolve ignores a misspelt name, alone, among others, and beside other integrals."""
+@pytest.mark.parametrize("measure", [ds("contcat"), dx("steal")])
+def test_forms_over_no_part_of_the_mesh_are_refused(measure, lshape_result):
+    """A misspelt name, which NGSolve integrates to zero, alone or beside other integrals."""
     forms = (
         lambda u, p, stress: u[0] * measure,
         lambda u, p, stress: u[1] * ds("contact") + u[0] * measure,
     )
     for form in forms:
-        with pytest.raises(
-            ValueError, match=rf"over '{wrong}',.*names are .*'{legal}'"
-        ):
+        with pytest.raises(ValueError, match=r"no part of the mesh: .*'clamped'"):
             gradient(lshape_result, form, "gap")
-
-
-def test_legal_names_are_taken_after_misspelt_ones(lshape_result):
-    """Names of measures are remembered: those of one form do not count for others."""
-    mesh = lshape_result.problem.mesh
-    ds("contact|lod")
-    there = mesh.Boundaries("contact")
-    forms = {
-        "name": lambda u, p, stress: u[1] * ds("contact"),
-        "pattern": lambda u, p, stress: u[1] * ds("con.*"),
-        "region": lambda u, p, stress: u[1] * ds(there),
-    }
-    slopes = [gradient(lshape_result, form, "gap")["gap"] for form in forms.values()]
-    assert np.allclose(slopes, slopes[0], rtol=1e-14)
-    assert gradient(lshape_result, lambda u, p, stress: u[1] * dx, "gap")["gap"]
-
-
-def test_forms_over_no_part_of_the_mesh_are_refused(lshape_result):
-    """Regions that are empty have no names that are misspelt."""
-    nowhere = lshape_result.problem.mesh.Boundaries("contcat")
-    with pytest.raises(ValueError, match=r"no part of the mesh: .*'clamped'"):
-        gradient(lshape_result, lambda u, p, stress: u[0] * ds(nowhere), "gap")
 
 
 def test_what_is_no_solution_has_no_derivative():
