@@ -106,15 +106,12 @@ class DiscreteBody:
     @cached_property
     def added(self) -> csr_matrix:
         """The springs in the tangent: those of the problem, and those that only stabilise steps."""
-        weak = diags(self.floating.springs.ravel())
-        parts = (
-            self.supports.stiffness,
-            self.contact.friction_springs(self.row_stiffness),
-            weak,
-        )
-        return sum(
-            (part for part in parts[1:] if part.count_nonzero()), parts[0]
-        ).tocsr()
+        springs = self.supports.stiffness
+        if self.contact.rollers:
+            springs = springs + self.contact.friction_springs(self.row_stiffness)
+        if self.floating.centres:
+            springs = springs + diags(self.floating.springs.ravel())
+        return springs.tocsr()
 
     def starting_displacement(self, start: object | None) -> np.ndarray:
         """Prescribed displacements, and elsewhere those of ``start`` (``nodal_values``) or zero."""

@@ -28,7 +28,8 @@ def missing(
     ``on_rows`` are values of k motions on m rows and their d tangents, shape (m + m d, k).
     """
     around = Program(wanted, on_rows, law)
-    around.add(np.vstack([np.eye(law.d), -np.eye(law.d)]))
+    if law.d:
+        around.add(np.vstack([np.eye(law.d), -np.eye(law.d)]))
     least, forces = around.solved()
     if least > enough or law.d < 2 or held_inside(wanted, on_rows, law, enough):
         return least
@@ -101,8 +102,10 @@ class Program:
 
     def solved(self) -> tuple[float, np.ndarray]:
         """The least sum, and the forces; zeros if the solver fails, which proves nothing."""
-        matrices, most = zip(*self._limits, strict=True)
-        limits = {"A_ub": vstack(matrices), "b_ub": np.concatenate(most)}
+        limits = {}
+        if self._limits:
+            matrices, most = zip(*self._limits, strict=True)
+            limits = {"A_ub": vstack(matrices), "b_ub": np.concatenate(most)}
         found = scipy.optimize.linprog(**self._given, **limits)
         if found.x is None:
             return 0.0, np.zeros(len(self._given["c"]) - self._left)

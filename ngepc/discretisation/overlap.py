@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -35,8 +36,6 @@ class Surface:
     vertices: np.ndarray  # numbers, shape (facets, N)
     corners: np.ndarray  # coordinates, shape (facets, N, N)
     normals: np.ndarray  # unit outer ones of the facets, shape (facets, N)
-    nodal: np.ndarray
-    """Unit normals at the corners, averaged over the facets of a face, (facets, N, N)."""
     areas: np.ndarray  # or lengths, shape (facets,), as are the next ones
     radii: np.ndarray  # largest distance of a corner from the centre
 
@@ -70,9 +69,14 @@ class Surface:
         turned *= np.sign((turned * outward.reshape(-1, N)).sum(axis=1))[:, None]
         self.areas = np.linalg.norm(turned, axis=1)
         self.normals = unit_vectors(turned)
+
+    @cached_property
+    def nodal(self) -> np.ndarray:
+        """Unit normals at the corners, averaged over the facets of a face, (facets, N, N)."""
         face, sums = self.faces(self.vertices)
-        at_corners = np.repeat(turned, N, axis=0)
-        self.nodal = unit_vectors(sums @ at_corners)[face]
+        turned = self.areas[:, None] * self.normals
+        at_corners = np.repeat(turned, self.corners.shape[-1], axis=0)
+        return unit_vectors(sums @ at_corners)[face]
 
     def faces(self, nodes: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
         """Numbers of the faces at nodes of the facets, like ``nodes``, (facets, k), in its order.

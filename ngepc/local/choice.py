@@ -34,11 +34,20 @@ def fastest_solver(body: DiscreteProblem) -> str | Iterative:
         return petsc.PETSc()
     if problem.N == 2:
         return DIRECT
-    if unknowns_of_cube(body) <= most_by_factors(body):
+    if few_for_factors(body):
         return DIRECT
     if pyamg.pyamg is not None:
         return pyamg.PyAMG()
     return DIRECT if petsc.petsc is None else petsc.PETSc()
+
+
+def few_for_factors(body: DiscreteProblem, times: float = 1.0) -> bool:
+    """Whether a body, or else a cube with cuts as large, has at most this many ``times`` the most.
+
+    The most free components for which factors are faster, ``most_by_factors``.
+    """
+    most = times * most_by_factors(body)
+    return body.free.sum() <= most or unknowns_of_cube(body) <= most
 
 
 def most_by_factors(body: DiscreteProblem) -> float:

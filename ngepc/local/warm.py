@@ -15,8 +15,7 @@ from scipy.sparse import csr_matrix
 from ngepc.discretisation.contact_step import with_contact
 from ngepc.linalg.direct import FactorisationError
 from ngepc.linalg.secants import Compliance
-from ngepc.local.choice import DIRECT, fastest_solver, most_by_factors
-from ngepc.local.cuts import unknowns_of_cube
+from ngepc.local.choice import DIRECT, fastest_solver, few_for_factors
 from ngepc.local.iterative import Iterative
 from ngepc.local.result import ExactResult
 from ngepc.local.solver import RepeatedSolver
@@ -40,7 +39,7 @@ class WarmSolver(RepeatedSolver):
 
     def _fastest(self, discrete: DiscreteProblem) -> str | Iterative:
         """Factors for larger bodies than elsewhere, since they give a prediction."""
-        small = unknowns_of_cube(discrete) <= LONGER * most_by_factors(discrete)
+        small = few_for_factors(discrete, LONGER)
         return DIRECT if small else fastest_solver(discrete)
 
     def _compliance(self, discrete: DiscreteProblem) -> Compliance:
