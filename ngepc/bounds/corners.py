@@ -121,7 +121,9 @@ def pressure_with_resultant(
 
     Then stresses around the contact zone balance what is left, see ``strain_nearby``.
     """
-    vertices = rigid_motions(contact.boundary.cells.points)
+    points = contact.boundary.cells.points
+    size = np.ptp(points, axis=0).max()  # so that works of all motions are alike
+    vertices = rigid_motions((points - points.mean(axis=0)) / size)
     motions = np.zeros((len(contact.discrete.free), *vertices.shape[1:]))
     motions[: len(vertices)] = vertices  # they are affine: edges have no part of them
     pushed = own.discrete.rows.normal.T @ np.maximum(own.multipliers, 0.0)

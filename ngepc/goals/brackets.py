@@ -29,10 +29,10 @@ from ngepc.bounds.bound import error_bound
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.outcome import ErrorBound
 from ngepc.checks.kinds import require_instance
-from ngepc.checks.sentences import in_words, interval_in_words
+from ngepc.checks.sentences import ROUNDING, in_words, interval_in_words
 from ngepc.discretisation.loads import applied_forces
 from ngepc.goals.ends import SOLVED
-from ngepc.goals.goal_bound import goal_bound
+from ngepc.goals.goal_bound import LEAST, goal_bound
 from ngepc.goals.one_mesh import TOLERANCE
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.exact import solve_exactly
@@ -95,7 +95,8 @@ def contact_force_bracket(result: ExactResult) -> Bracket:
     Raises
     ------
     TypeError, ValueError, RuntimeError
-        As ``error_bound``, for problems without contact, and where the solver fails.
+        As ``error_bound``, for problems without contact, and where the solver fails or nothing
+        moves on this mesh.
     """
     require_instance("result", result, ExactResult, "a result without gamma")
     problem = result.problem
@@ -139,7 +140,8 @@ def displacement_bracket(
     Raises
     ------
     TypeError, ValueError, RuntimeError
-        As ``error_bound``, for loads that are not legal, and where the solver fails.
+        As ``error_bound``, for loads that are not legal, and where the solver fails or nothing
+        moves on this mesh.
     """
     require_instance("result", result, ExactResult, "a result without gamma")
     problem = result.problem
@@ -147,11 +149,9 @@ def displacement_bracket(
     require_covered(problem, "a bracket", COVERS)
     load = replace(problem, traction=traction, body_force=body_force, pressure=None)
     forces = applied_forces(load, result.discrete.supports.scalar)
+    if not np.any(forces):
+        raise ValueError(f"traction={in_words(traction)}: a load is needed")
     size = float(np.abs(forces).sum() * np.abs(u).max())
-    if not size > 0:
-        raise ValueError(
-            f"traction={in_words(traction)}: a load is needed, and a body that moves"
-        )
 
     def loaded(t: float) -> Problem:
         """The problem with t times the load on top."""
@@ -165,7 +165,7 @@ def displacement_bracket(
 
     here = error_bound(result)
     work = float(np.vdot(forces, u))
-    large = here.strain_energy / size
+    large = here.strain_energy / size if size > 0 else 0.0
     lower, upper, message = slopes(
         result, here, loaded, lambda a, b: a.energy - b.least_energy, work, large
     )
@@ -185,14 +185,18 @@ def slopes(
     ``problem_at(t)`` is the problem with the parameter changed by t.  ``rise(here, there)`` is an
     upper bound of the change of the energy along a chord, from the error bounds at its ends;
     ``here`` is the bound of the result.  ``slope`` is an estimate of the derivative, ``length`` an
-    upper limit for t.
+    upper limit for t.  Without strain and error the solution is known, and so is the derivative.
     """
-    part = math.sqrt(here.total / here.strain_energy)
-    first = (
-        part * min(2 * here.strain_energy / abs(slope), length)
-        if slope
-        else part * length
-    )
+    energy = here.strain_energy
+    total = max(here.total, LEAST * energy)
+    if total == 0:
+        return slope, slope, here.message
+    longest = min(2 * energy / abs(slope), length) if slope else length
+    first = math.sqrt(total / energy) * longest if energy > 0 else 0.0
+    if not first > 0:
+        raise RuntimeError(
+            "no bracket: the displacements of this mesh are all zero, a finer one is needed"
+        )
     found = []
     unseen = here.message
     for sign in (-1.0, 1.0):
@@ -206,10 +210,11 @@ def slopes(
                 raise RuntimeError(f"no bracket: {near.message}")
             there = error_bound(near)
             unseen = there.message or unseen
-            risen = rise(here, there)
+            rounding = ROUNDING * (energy + there.strain_energy)
+            risen = rise(here, there) + rounding
             best = min(best, risen / t)
-            curved = risen - sign * slope * t - here.total
-            wanted = t * math.sqrt(here.total / curved) if curved > 0 else 4 * t
+            curved = risen - sign * slope * t - total
+            wanted = t * math.sqrt(total / curved) if curved > 0 else 4 * t
             if max(wanted / t, t / wanted) < NEAR:
                 break
             t = min(max(wanted, t / 16), 4 * t)

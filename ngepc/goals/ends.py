@@ -11,6 +11,7 @@ from ngepc.bounds.outcome import ErrorBound, is_free_of_stress
 from ngepc.goals.goal_interval import GoalBound
 from ngepc.goals.refinement import BoundedResult, MeshRecord, Refinement
 from ngepc.local.result import ExactResult
+from ngepc.local.system import State
 from ngepc.results.outcome import Status
 
 HOPELESS = 100.0  # an interval this many times wider than its middle lies around zero
@@ -54,6 +55,11 @@ def too_fine(mesh: Mesh, bound: ErrorBound, options: Refinement) -> str:
     return " ".join(filter(None, (limit, unknown)))
 
 
+def why_infinite(state: State) -> str:
+    """Why the error bound of a state is infinite."""
+    return FLOWS if state.flowing > 0 else NO_BOUND
+
+
 def lost_bound(here: BoundedResult) -> str:
     """Why refinement ends with the mesh before one whose bound is infinite, as that was finite."""
     return f"The next mesh has {here.records[-1].nodes} nodes and no bound. {NO_BOUND}"
@@ -80,9 +86,8 @@ def without_bound(here: BoundedResult) -> str:
     """Why finer meshes have no bound either; empty if they may have one."""
     if math.isfinite(here.bound.total):
         return ""
-    if here.result.state.flowing > 0:
-        return FLOWS
-    return never_finite(here.records)
+    why = why_infinite(here.result.state)
+    return why if why == FLOWS else never_finite(here.records)
 
 
 def without_stress(here: BoundedResult) -> str:

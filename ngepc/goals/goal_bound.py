@@ -41,6 +41,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint import Adjoint, AdjointProblem, Start
 from ngepc.goals.adjoint_conditions import EPS
+from ngepc.goals.ends import FLOWS, why_infinite
 from ngepc.goals.goal_interval import GoalBound, interval_of_elements, thick_goal
 from ngepc.goals.goal_terms import GoalTerms, check_goal, goal_of_result, terms_of
 from ngepc.goals.integrand import BoundPart, Integrand
@@ -132,10 +133,9 @@ def check_goals(problem: Problem) -> None:
 def require_finite(bound: ErrorBound) -> None:
     """Refuse an infinite bound with a RuntimeError."""
     if not math.isfinite(bound.total):
-        raise RuntimeError(
-            "the error bound is infinite, as the hardening law never reaches a stress in "
-            "equilibrium: a finer mesh or more hardening is needed"
-        )
+        why = why_infinite(bound.state)
+        advice = "" if why == FLOWS else " So may a finer mesh."
+        raise RuntimeError(why + advice)
 
 
 class GoalProblem:
@@ -226,15 +226,12 @@ class GoalProblem:
         goal = over_elements_of(self._mesh, as_goal(goal))
         terms = terms_of(goal, bound_data)
         discrete = terms.value(bound_data, self.bound.state)
-        energy = self.bound.strain_energy
-        if not energy > 0:
-            raise ValueError(
-                f"goal={terms.name}: no interval, as all strains are zero: nothing loads or moves "
-                "the body, or the supports take all of it"
-            )
         start = self._adjoints.start(terms)
-        best = self._best(start, self._first(start) if near is None else near)
-        found = self._interval(start, best.finite(), discrete)
+        if self._scale > 0:
+            best = self._best(start, self._first(start) if near is None else near)
+            found = self._interval(start, best.finite(), discrete)
+        else:
+            found = self._at_rest(start, discrete)
         found = replace(found, discrete=self._goal_of_given(goal, terms))
         if self._copied is not None:
             found = interval_of_elements(found, *self._copied)
@@ -250,9 +247,28 @@ class GoalProblem:
         force = terms.contact_force(self.bound_data, self.bound.state)
         return force + goal.form(self._given.discrete.problem).work(self._given)
 
+    @property
+    def _scale(self) -> float:
+        """An energy to compare others with; zero if the solution is known to be free of strain."""
+        return self.bound.strain_energy or self.bound.total
+
+    def _at_rest(self, start: Start, discrete: float) -> GoalBound:
+        """The goal of a solution without strain and error: known exactly.
+
+        The error bound is zero, so that the width of the interval falls as 1/lambda.
+        """
+        size = np.ptp(self.bound_data.cells.points, axis=0).max()
+        moved = np.abs(start.base.z + start.lift).max()
+        chosen = self._candidate(start, float(LARGEST * moved / size) or 1.0)
+        none = np.zeros(len(self.bound_data.cells.nodes))
+        adjoint = chosen.adjoint
+        numbers = (adjoint.energy, chosen.factor, none, adjoint, start.goal)
+        ends = (start.goal.name, discrete, discrete, discrete)
+        return GoalBound(*ends, self.bound, *numbers, start.goal.note)
+
     def _first(self, start: Start) -> float:
         """The first lambda for a goal; what suffices if its adjoint does not move."""
-        energy = self.bound.strain_energy
+        energy = self._scale
         first = FIRST * math.sqrt(self._adjoints.energy(start) / energy)
         first *= (energy / max(self.bound.total, 1e-12 * energy)) ** (1 / 3)
         if first > 0:

@@ -11,7 +11,7 @@ from ngepc.checks.kinds import require_instance
 from ngepc.goals.adaptive import run_to, tolerance_of
 from ngepc.goals.clock import Clock
 from ngepc.goals.confidence import SIDES
-from ngepc.goals.ends import FLOWS, NO_BOUND, about_zero
+from ngepc.goals.ends import about_zero, why_infinite
 from ngepc.goals.goal_interval import GoalBound
 from ngepc.goals.refinement import BoundedResult, MeshRecord, Refinement
 from ngepc.goals.variants import of_order_two, with_order_two
@@ -136,7 +136,7 @@ def verdict_of(run: BoundedResult, limit: float, above: bool, ending: str) -> Ve
     required = f"required: at {'most' if above else 'least'} {limit:g}."
     found = run.goal
     if found is None:
-        why = FLOWS if run.message == FLOWS else NO_BOUND
+        why = why_infinite(run.result.state)
         said = (f"{narrowest(run.records)}, {required}", why, run.result.ending)
         return Verdict(UNDECIDED, None, run, " ".join(filter(None, said)))
     outcome = outcome_of(found.lower, found.upper, limit, above)

@@ -285,7 +285,10 @@ class Statics:
     def _towards(
         self, x: np.ndarray, centre: np.ndarray, margin: np.ndarray
     ) -> np.ndarray:
-        """The point nearest to x, on its way from the centre, that has a margin to the strength."""
+        """The point nearest to x, on its way from the centre, that has a margin to the strength.
+
+        The centre where it has none itself.
+        """
         part = 1.0
         strengths = self.strengths()
         # where friction has the bound zero the defect answers for what rounding leaves
@@ -299,8 +302,8 @@ class Statics:
             room = bound * (1 - ROUNDED) - inside
             need = outside - inside
             beyond = need > room
-            if beyond.any():
-                part = min(part, float((room[beyond] / need[beyond]).min()))
+            share = np.divide(room, need, out=np.zeros_like(need), where=need > 0)
+            part = min(part, share[beyond].min(initial=1.0))
         return centre + max(part, 0.0) * (x - centre)
 
     def coordinates(self, x: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
-from scipy.optimize import OptimizeResult, least_squares
+from scipy.optimize import least_squares
 
 from ngepc.checks.arguments import is_number, require_integer, require_number
 from ngepc.checks.kinds import (
@@ -91,7 +91,7 @@ class Curve:
         # halved steps add times between
         steps = [run.times.index(time) for time in self.schedule.times]
         predicted = np.array([functional.slope(states[step]).value for step in steps])
-        weights = np.ones(len(steps)) / (1.0 if self.noise is None else self.noise)
+        weights = weights_of(self)
 
         def slopes(names: Sequence[str]) -> np.ndarray:
             """Shape (measurements, names)."""
@@ -102,6 +102,12 @@ class Curve:
             return weights[:, None] * slopes
 
         return weights * (predicted - self.measured), slopes
+
+
+def weights_of(curve: Curve) -> np.ndarray:
+    """1 / noise for each measurement, 1 where it is unknown."""
+    noise = 1.0 if curve.noise is None else curve.noise
+    return np.ones(len(curve.measured)) / noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,18 +181,23 @@ def calibrate(
     for name in names:
         if is_of_part(name):
             PartDatum.of(problem.material, name)
-    fits = _Fits(problem, names, curves)
-    guesses = np.log([start[name] for name in names])
+    fits = _Fits(problem, start, curves)
     # "dogbox" takes minimum-norm Gauss-Newton steps if the data do not identify a constant.
     given = {"method": "dogbox", "max_nfev": limit}
-    found = least_squares(fits.residuals, guesses, fits.jacobian, **given)
+    unchanged = np.zeros(len(names))
+    found = least_squares(fits.residuals, unchanged, fits.jacobian, **given)
+    values = fits.constants(found.x)
+    residuals = fits.size * found.fun
     known = all(curve.noise is not None for curve in curves)
-    condition, ends = _statistics(found, confidence, known)
+    condition, factors = _statistics(
+        fits.size * found.jac, residuals, confidence, known
+    )
+    ends = values * factors
     return Calibration(
-        values=dict(zip(names, np.exp(found.x).tolist(), strict=True)),
+        values=dict(zip(names, values.tolist(), strict=True)),
         intervals=dict(zip(names, map(tuple, ends.T.tolist()), strict=True)),
         problem=fits.fitted(found.x),
-        residuals=found.fun,
+        residuals=residuals,
         condition=condition,
         evaluations=fits.evaluations,
         converged=bool(found.success),
@@ -195,37 +206,46 @@ def calibrate(
 
 
 class _Fits:
-    """The fits of all curves as functions of the logarithms of the constants.
+    """The fits of all curves as functions of the logarithms of constants over their guesses.
 
+    Residuals are divided by the ``size`` of the measurements, as tolerances of SciPy are absolute.
     The last fits are kept, as SciPy asks for the Jacobian at the last point of evaluation.
     """
 
     def __init__(
-        self, problem: Problem, names: Sequence[str], curves: Sequence[Curve]
+        self, problem: Problem, start: Mapping[str, float], curves: Sequence[Curve]
     ) -> None:
         self._problem = problem
-        self._names = names
+        self._names = tuple(start)
+        self._guesses = np.array(list(start.values()), dtype=float)
         self._curves = curves
+        weighted = [weights_of(curve) * curve.measured for curve in curves]
+        self.size = float(np.linalg.norm(np.concatenate(weighted))) or 1.0
         self._at: np.ndarray | None = None
         self._last: list = []
         self.evaluations = 0
 
+    def constants(self, logarithms: np.ndarray) -> np.ndarray:
+        """The material constants."""
+        return self._guesses * np.exp(logarithms)
+
     def fitted(self, logarithms: np.ndarray) -> Problem:
         """The problem with other material constants."""
-        constants = np.exp(logarithms).tolist()
+        constants = self.constants(logarithms).tolist()
         return with_constants(
             self._problem, dict(zip(self._names, constants, strict=True))
         )
 
     def residuals(self, logarithms: np.ndarray) -> np.ndarray:
         """The residuals of all curves."""
-        return np.concatenate([residuals for residuals, _ in self._fits(logarithms)])
+        each = [residuals for residuals, _ in self._fits(logarithms)]
+        return np.concatenate(each) / self.size
 
     def jacobian(self, logarithms: np.ndarray) -> np.ndarray:
         """The derivatives of the residuals by the logarithms."""
         fits = self._fits(logarithms)
         by_constants = [slopes(self._names) for _, slopes in fits]
-        return np.concatenate(by_constants) * np.exp(logarithms)
+        return np.concatenate(by_constants) * self.constants(logarithms) / self.size
 
     def _fits(self, logarithms: np.ndarray) -> list:
         """The fit of each curve."""
@@ -269,15 +289,15 @@ def _checked(
 
 
 def _statistics(
-    found: OptimizeResult, confidence: float, known: bool
+    slopes: np.ndarray, residuals: np.ndarray, confidence: float, known: bool
 ) -> tuple[float, np.ndarray]:
-    """Condition of J' J, and the ends of the confidence intervals, shape (2, constants).
+    """Condition of J' J for the ``slopes`` J, and the ends of intervals over the constants, (2, n).
 
     They belong to the problem linearised at the solution; noise that is not ``known`` is estimated
     from the residuals.
     """
-    m, n = found.jac.shape
-    _, singular, right = np.linalg.svd(found.jac, full_matrices=False)
+    m, n = slopes.shape
+    _, singular, right = np.linalg.svd(slopes, full_matrices=False)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         condition = (
             float((singular[0] / singular[-1]) ** 2) if singular[-1] > 0 else np.inf
@@ -289,9 +309,9 @@ def _statistics(
         # the noise cannot be estimated from as many measurements as constants
         if not known:
             error = (
-                error * np.sqrt(2 * found.cost / (m - n))
+                error * np.linalg.norm(residuals) / np.sqrt(m - n)
                 if m > n
                 else np.full(n, np.inf)
             )
             factor = special.stdtrit(max(m - n, 1), 0.5 + confidence / 2)
-        return condition, np.exp(found.x + factor * np.outer([-1, 1], error))
+        return condition, np.exp(np.outer([-1, 1], factor * error))

@@ -1,6 +1,7 @@
 """Meshes that follow the bound, and what is carried from one to the next."""
 
 import math
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ from ngepc import (
     Material,
     MeanDisplacement,
     Problem,
+    Reaction,
     Roller,
     Voce,
     confidence,
@@ -331,12 +333,35 @@ def test_a_small_load_beside_one_that_a_support_takes_is_not_lost():
     assert run.message == ""
 
 
-def test_a_goal_of_a_body_at_rest_is_refused_by_its_name():
-    problem = replace(lshape_problem(lshape.paper_mesh(33)), traction=None)
-    with pytest.raises(
-        ValueError, match=r"goal=contact force: .* all strains are zero"
-    ):
-        verdict(problem, "contact_force", at_most=1.0)
+@pytest.mark.parametrize("gap", [0.0, 0.1])
+def test_goals_of_a_body_at_rest_are_known_exactly(gap):
+    """Nothing loads or moves it: forces and displacements are zero."""
+    problem = replace(
+        lshape_problem(lshape.paper_mesh(33)), pressure=None, traction=None, gap=gap
+    )
+    result = semismooth_newton(problem)
+    at_top = MeanDisplacement("contact", 1)
+    for goal in ("contact_force", "work", at_top, Reaction("clamped", 0)):
+        assert goal_bound(result, goal).interval == (0.0, 0.0)
+    assert verdict(problem, "contact_force", at_most=0.0).outcome == "PASS"
+    run = solve_to(problem, goal="contact_force", percent=1)
+    assert run.reached
+    assert len(run.records) == 1
+
+
+def test_a_goal_where_the_first_mesh_cannot_move():
+    """All its vertices are clamped; the bound is not zero, and finer meshes move."""
+    problem = Problem(
+        block.structured_mesh(1, 1, simplices=True),
+        MATERIAL,
+        "clamped|left|right|contact",
+        body_force=(0.0, -5.0),
+        order=1,
+    )
+    run = solve_to(problem, goal="work", percent=20)
+    assert run.reached
+    for record in run.records:
+        assert record.lower < run.goal.middle < record.upper
 
 
 def test_one_interval_around_zero_does_not_end_a_run():
@@ -390,7 +415,7 @@ def test_a_bound_that_stays_infinite_ends_the_run():
     few = Refinement(max_nodes=40)
     run = solve_to(problem, 0.1, few)
     assert not run.reached
-    with pytest.raises(RuntimeError, match="the error bound is infinite"):
+    with pytest.raises(RuntimeError, match="The error bound is infinite: the stress"):
         goal_bound(run.result, MeanDisplacement("right", 0))
     assert ends.NO_BOUND in run.message
     assert "no bound of the relative error of the energy" in repr(run)
@@ -429,6 +454,8 @@ def test_perfect_plasticity_has_no_bound_where_it_flows():
     run = solve_to(problem, 0.1)
     assert len(run.records) == 1
     assert run.message == ends.FLOWS
+    with pytest.raises(RuntimeError, match=re.escape(ends.FLOWS)):
+        goal_bound(run.result, "work")
     found = verdict(problem, MeanDisplacement("right", 1), at_most=1.0)
     assert ends.FLOWS in str(found)
     assert solve_to(corner({"yield_stress": 1.5, "plastic_modulus": 25.0}), 0.1).reached

@@ -120,3 +120,42 @@ def test_what_is_no_goal_is_refused(pair):
         displacement_bracket(pair[0])
     with pytest.raises(TypeError, match="result=3"):
         contact_force_bracket(3)
+
+
+def test_a_body_at_rest_has_exact_brackets():
+    rest = replace(example("lshape", 33), pressure=None, traction=None)
+    result = semismooth_newton(rest)
+    for found in (contact_force_bracket(result), displacement_bracket(result, UNIT)):
+        assert (found.lower, found.upper) == (0.0, 0.0)
+        assert found.guaranteed
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_solutions_that_are_exact_up_to_rounding(n):
+    """A bar: its error bound is some 1e-20, or zero."""
+    rollers = {"left": (0, None), "clamped": (None, 0)}
+    problem = Problem(
+        block.structured_mesh(n, n, simplices=True),
+        MATERIAL,
+        None,
+        prescribed=rollers,
+        traction={"right": (1.0, 0.0)},
+    )
+    found = displacement_bracket(semismooth_newton(problem), {"right": (1.0, 0.0)})
+    exact = 3.75e-4
+    assert found.lower < exact < found.upper
+    assert found.relative < 1e-6
+
+
+def test_a_mesh_that_cannot_move_has_no_bracket():
+    problem = Problem(
+        block.structured_mesh(1, 1, simplices=True),
+        MATERIAL,
+        "clamped|left|right|contact",
+        body_force=(0.0, -1.0),
+        order=1,
+    )
+    with pytest.raises(
+        RuntimeError, match="no bracket: the displacements of this mesh"
+    ):
+        displacement_bracket(semismooth_newton(problem), body_force=(0.0, 1.0))

@@ -348,6 +348,23 @@ def test_a_factor_that_is_very_negative_is_one(push):
     assert found.lower <= 20 / math.sqrt(3) - push <= found.upper < 0
 
 
+@pytest.mark.filterwarnings("error")
+def test_constant_loads_near_rounding_divide_by_no_zero():
+    """Pressed with 1e10 times the strength: neither the stress nor the centre has a margin."""
+    problem = Problem(
+        block.structured_mesh(3, 3, simplices=True),
+        CLAY,
+        None,
+        {"right": (1.0, 0), "contact": (0, -1e10)},
+        prescribed={"left": (0, None)},
+        contact="clamped",
+        gap=0.0,
+        friction=10.0,
+    )
+    found = limit_load(problem, 0.05, growing=["right"], max_cells=100)
+    assert found.lower <= found.upper < 0
+
+
 def test_a_thickness_of_one_is_none():
     problem = square(traction={"contact": (1.0, 0)})
     limits = [limit_load(replace(problem, thickness=t), 0.1) for t in (None, 1, 1.0)]

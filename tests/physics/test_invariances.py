@@ -19,6 +19,7 @@ from ngepc import (
     Problem,
     Status,
     Units,
+    error_bound,
     semismooth_newton,
 )
 from ngepc.geometries import lshape
@@ -147,6 +148,16 @@ def test_motions_and_units_change_nothing(method, name):
     motion = MOTIONS[name]
     moved = solver(problem(motion), Units(stress=motion.stress, length=motion.length))
     assert_same(moved, result, motion)
+
+
+@pytest.mark.parametrize(("stress", "length"), [(1e6, 1e-3), (1e6, 1e7)])
+def test_units_change_no_bound(stress, length):
+    """The pressure of a bound kept its resultant, but in small units not its moment."""
+    first, second = (
+        error_bound(primal_newton(problem(Motion(stress=s, length=size))))
+        for s, size in ((1.0, 1.0), (stress, length))
+    )
+    assert second.total == pytest.approx(stress * length**2 * first.total, rel=1e-9)
 
 
 def renumbered(mesh, seed):

@@ -9,23 +9,26 @@ from ngepc.geometries import block
 from ngepc.sensitivity.calibration import Curve, calibrate
 
 TRUTH = {"yield_stress": 2.0, "hardening": 60.0}
-MATERIAL = Material.kinematic(lame_lambda=1e3, lame_mu=1e3, **TRUTH)
 
 
-def indentation(depth: float) -> tuple[Problem, Schedule]:
-    """A parabola pressed into a block in four steps, and a fifth step back."""
+def indentation(
+    depth: float, length: float = 1.0, stress: float = 1.0
+) -> tuple[Problem, Schedule]:
+    """A parabola pressed into a block in four steps, and a fifth step back, in some units."""
+    constants = {"lame_lambda": 1e3, "lame_mu": 1e3} | TRUTH
     problem = Problem(
-        block.structured_mesh(4, 2, size=(2.0, 1.0), simplices=True),
-        MATERIAL,
+        block.structured_mesh(4, 2, size=(2.0 * length, length), simplices=True),
+        Material.kinematic(**{name: stress * c for name, c in constants.items()}),
         contact="contact",
-        gap=1.0,
+        gap=length,
         kinematics="plane strain",
         order=1,
     )
     times = (0.2, 0.5, 0.8, 1.0, 1.1)
 
     def changes(t: float) -> dict:
-        return {"gap": (x - 1) ** 2 / 2 - depth * min(t, 2 - t)}
+        surface = (x / length - 1) ** 2 / 2
+        return {"gap": length * (surface - depth * min(t, 2 - t))}
 
     return problem, Schedule(times, changes)
 
@@ -55,6 +58,19 @@ def test_exact_data_give_the_constants_back(deep):
     assert found.evaluations <= 15
     assert found.values == pytest.approx(TRUTH, rel=1e-6)
     assert found.problem.material.hardening == found.values["hardening"]
+
+
+@pytest.mark.parametrize(("length", "stress"), [(1e-3, 1e6), (1e-6, 1e-9), (1e6, 1e6)])
+def test_units_change_nothing(deep, length, stress):
+    """Tolerances of SciPy are absolute: forces of 1e-3 were taken to be fitted at the start."""
+    _, _, force = deep
+    problem, schedule = indentation(0.03, length, stress)
+    curve = Curve(schedule, "contact_force", stress * length * force)
+    start = {"yield_stress": 5.0 * stress, "hardening": 200.0 * stress}
+    found = calibrate(problem, curve, start)
+    truth = {name: stress * constant for name, constant in TRUTH.items()}
+    assert found.converged
+    assert found.values == pytest.approx(truth, rel=1e-6)
 
 
 def test_noisy_data_and_intervals(deep):
