@@ -1,13 +1,12 @@
 """Check a receipt: python check_receipt.py receipt.npz (numpy alone; proofs: docs/receipts.md).
 
 A body of triangles or tetrahedra K has forces f and tractions g, is held on parts of its boundary
-and may touch an obstacle, u . n <= psi.  With the mean m and the deviator e of eps(u) its energy is
-    J(u) = int phi(eps(u)) - f . u - boundary int g . u,
+and may touch an obstacle, u . n <= psi.  C multiplies means by B and deviators by 2 mu.  The energy
+    J(u) = int phi(eps(u)) - f . u - boundary int g . u  has the density
     phi = min over deviators p of |C (eps - p_0 - p)|^2/(2 C) - k + a : p + h/2 |p|^2 + beta |p|.
-C has the modulus B of m, and 2 mu of e.  An admissible u has the trial stress t = C (eps(u) - p_0);
-S is a stress in equilibrium with f and g - P n, where P >= 0.  With s = dev t - a, x = dev S - a,
-the solution v, and the work R of forces that S leaves, |R| <= b (2 J(u) - 2 J(v))^(1/2),
-    phi = |t|^2/(2 C) - k + E,  E = -([|s| - beta]_+)^2/(4 mu + 2 h),
+For an admissible u let t = C (eps(u) - p_0).  S is in equilibrium with f and g - P n, where P >= 0.
+With s = dev t - a, x = dev S - a, the solution v, and the work R of forces that S leaves,
+    phi = |t|^2/(2 C) - k + E,  E = -([|s| - beta]_+)^2/(4 mu + 2 h),  R^2 <= 2 b^2 (J(u) - J(v)),
     J(u) - J(v) <= int |S - t|^2/(2 C) + E + ([|x| - beta]_+)^2/(2 h) + int P (psi - u . n) + R.
 A factor times Q = int F . v + int G . v + int c P - int (reaction) . V is a goal.  The second layer
 of arrays has F, G, c, V, and z, T, q in the places of u, S, P.  With t_z = C eps(z), |q| <= P,
@@ -33,15 +32,15 @@ BASIS[[4, 5, 6], [0, 0, 1], [1, 2, 2]] = BASIS[[4, 5, 6], [1, 2, 2], [0, 0, 1]] 
 BASIS /= np.sqrt((BASIS**2).sum(axis=(1, 2), keepdims=True))
 LAWS = {"two-dimensional": [0, 2, 4], "plane strain": [1, 2, 4, 3]}
 LAWS["solid"] = [1, 2, 4, 3, 5, 6]
-MEANS = {k: (1 + np.eye(k)) / (k * (k + 1)) for k in (1, 2, 3, 4)}  # of products
 BETWEEN = {(1, n): np.arange(n)[:, None] for n in (3, 4)}  # coefficients of a vertex
-PAIRS = {}  # the vertices of coefficients of quadratics
+PAIRS, MEANS = {}, {}  # the vertices of coefficients of quadratics; means of products
 for n in (2, 3, 4):
     i, j = PAIRS[n] = np.hstack([[range(n)] * 2, np.flip(np.triu_indices(n, 1), 1)])
     A = np.eye(n)[i] + np.eye(n)[j]
     BETWEEN[2, n] = (A.T[:, None] * A.T).argmax(axis=2)
-    MEANS[2, n] = 4 * (1 + A @ A.T + np.eye(len(A))) / math.perm(n + 3, 4)
-MEANS |= {6: MEANS[2, 3], 10: MEANS[2, 4]}
+    M = 4 * (1 + A @ A.T + np.eye(len(A))) / math.perm(n + 3, 4)
+    MEANS[2, n] = MEANS[len(A)] = M
+MEANS |= {k: (1 + np.eye(k)) / (k * (k + 1)) for k in (1, 2, 3, 4)}
 
 
 def need(condition: object, message: str) -> None:
@@ -56,42 +55,42 @@ def most(*terms: object) -> float:
     return float(x.sum() + x.size * EPS * np.abs(x).sum() + 1e-60)
 
 
-def size(a: ndarray) -> ndarray:
-    """Norms of all numbers of each cell, the last axis."""
-    a = a.reshape(-1, a.shape[-1])
-    return np.sqrt(einsum("nK,nK->K", a, a))
+def size(a: ndarray, *kept: int) -> ndarray:
+    """Norms of all numbers of each cell, the last axis, or of each of the kept ones."""
+    axes = list(range(a.ndim))
+    return np.sqrt(einsum(a, axes, a, axes, [*kept, axes[-1]]))
 
 
 def inner(a: ndarray, b: ndarray) -> ndarray:
     """Means of the products of two fields (k, c, K)."""
-    weighted = (MEANS[len(a)] @ a.reshape(len(a), -1)).reshape(a.shape)
-    return einsum("kcK,kcK->K", weighted, b)
+    if len(a) > 4:
+        return einsum("kcK,kcK->K", einsum("kl,lcK->kcK", MEANS[len(a)], a), b)
+    return einsum("kcK,kcK->K", a + a.sum(axis=0), b) / (len(a) * (len(a) + 1))
 
 
-def outside(x: ndarray, V: ndarray) -> tuple[ndarray, ndarray]:
-    """What of the coefficients of a field exceeds a ball, and its lengths (k, K)."""
-    length = np.sqrt(einsum("kcK,kcK->kK", x, x))
-    over = np.maximum(length - V, 0.0)
-    return x * (over / np.maximum(length, V))[:, None], over
+def outside(x: ndarray, V: ndarray) -> tuple[ndarray, ndarray, ndarray]:
+    """What of the coefficients of a field exceeds a ball, its lengths, and theirs (k, K)."""
+    length = size(x, 0)
+    larger = np.maximum(length, V)
+    return x * (1 - V / larger)[:, None], larger - V, length
 
 
 def supremum(y: ndarray, w: ndarray, r: ndarray, H: ndarray, beta: ndarray) -> ndarray:
     """Means of X - |y|^2/4 from above, by the lemma with any r >= 0 and D."""
-    b, V = H * (1 + H), beta * (1 + 2 * H)
-    r = np.clip(r, 0.0, np.maximum(size(w) - V, 0.0) / b)
-    W = V + 2 * b * r
+    b, W = H * (1 + H), beta + 2 * H * (beta + (1 + H) * r)
     near, far = beta * y, r * w
-    z, reach = outside(near + far, 2 * beta**2)
-    A = np.sqrt(einsum("kcK,kcK->kK", z - far, z - far))
-    n = z.mean(axis=0)
-    gained = einsum("kcK,cK->kK", z, n / (size(n) + 1 / LARGEST)) - A
-    short = (r > 0) * np.maximum(W - gained / np.where(r > 0, r, 1.0), 0.0)
-    excess, over = outside(w, W)
-    spare = (r == 0) * np.maximum(2 * beta - np.sqrt((y**2).sum(axis=1)).max(axis=0), 0)
-    less = np.maximum(over**2 - b * spare**2, 0.0).mean(axis=0)
+    z, reach, length = outside(near + far, 2 * beta**2)
+    A = z - far
+    n = z.sum(axis=0)
+    gained = einsum("kcK,cK->kK", z, n / (size(n) + 1 / LARGEST)) - size(A, 0)
+    gained /= np.where(r > 0, r, LARGEST)
+    short = np.maximum((r > 0) * W, gained) - gained
+    excess, over, _ = outside(w, W)
+    spare = b * np.maximum(2 * beta - length.max(axis=0) / beta, 0.0) ** 2 * (r == 0)
+    less = (np.maximum(over**2, spare) - spare).mean(axis=0)
     square = np.minimum(inner(excess, excess), less) + (short**2).mean(axis=0)
     upper = np.minimum(np.sqrt(inner(z, z)), reach.mean(axis=0))
-    change = inner(z - far, z - far - 2 * near) / (2 * beta) ** 2
+    change = inner(A, A - 2 * near) / (2 * beta) ** 2
     return change + upper - r * (W - b * r) + square / (4 * b)
 
 
@@ -99,15 +98,13 @@ def arrays_in(words: ndarray, header: dict) -> dict:
     """The arrays of a receipt by their names."""
     c = len(LAWS[header["kinematics"]])
     P, K, B = header["sizes"]
-    N = 3 if c == 6 else 2
-    L = 2 if "goal" in header else 1
+    N, L = 3 if c == 6 else 2, 2 if "goal" in header else 1
     k, t = (math.comb(n + header["order"], n) for n in (N, N - 1))
     shapes = {
         "points": (N, P), "cells": (k, K), "other": (N + 1, K), "u": (L, N, P),
         "stress": (L, k, c, K), "law": (4 + 2 * c, K), "body_force": (L, N, K),
         "passed": (N, N + 1, K), "arm": (N, K), "tangent": (2 * L - 2, K), "held": (N, B),
-        "traction": (L, N, t, B), "gap": (L, t, B), "pressure": (L, t, B),
-    }  # fmt: skip
+        "traction": (L, N, t, B), "gap": (L, t, B), "pressure": (L, t, B)}  # fmt: skip
     record = np.dtype([(name, float, shape) for name, shape in shapes.items()])
     length = sum(math.prod(shape) for shape in shapes.values())
     need(words.dtype == float and words.shape == (length,), "receipt: other sizes")
@@ -128,10 +125,10 @@ class Body:
         need(self.law[:4] > 1 / LARGEST, "law: a modulus is not positive")
         self.soft = 1 / (1 / (2 * self.mu) + 1 / self.hardening)
         self.between = BETWEEN[self.degree, self.N + 1]
-        self.on_side = [np.setdiff1d(range(len(self.cells)), k) for k in self.between]
+        self.on_side = [np.delete(range(len(self.cells)), k) for k in self.between]
         self.measure(BASIS[LAWS[header["kinematics"]], : self.N, : self.N])
-        self.balance()
         self.displace()
+        self.balance()
 
     def measure(self, matrices: ndarray) -> None:
         """Volumes, and sides by place (number in K, K): areas, normals and what is beyond."""
@@ -160,49 +157,22 @@ class Body:
         need(self.joined == (self.other != places), "cells: two overlap at their side")
         self.out = np.flatnonzero(~self.joined)
         self.ends = ends[:, self.out]
-        once = np.unique(np.sort(self.ends[: self.N], axis=0), axis=1).shape[1]
-        need(once == len(self.out) == self.held.shape[1], "held: not the boundary")
+        once = set(map(frozenset, self.ends[: self.N].T.tolist()))
+        need(len(once) == len(self.out) == self.held.shape[1], "held: not the boundary")
         self.outer = size(area[:, self.out])
         self.normal = area[:, self.out] / self.outer
         across = self.held.all(axis=0) | (np.abs(self.normal) > 0.8)
         self.holds = (self.held != 0) & across
 
-    def balance(self) -> None:
-        """Sizes of the forces that S leaves, by components and cells, with what rounding adds."""
-        self.force = np.zeros((self.N, self.K))
-        for i, x in np.ndindex(self.L, self.N):
-            T = einsum("kcK,vcK->vkK", self.stress[i], self.across[:, :, x])
-            inside = sum(T[v, k] for v, k in enumerate(self.between)) * self.degree
-            inside = inside / self.N - self.body_force[i, x] * self.volume
-            jump = np.concatenate([T[v, k] for v, k in enumerate(self.on_side)], axis=1)
-            pulled = self.traction[i, x] - self.pressure[i] * self.normal[x]
-            jump[:, self.out] -= pulled * self.outer
-            jump[:, self.out] *= self.held[x] == 0
-            jump += jump.take(self.other, axis=1)
-            jump = np.abs(jump).max(axis=0).reshape(-1, self.K).sum(axis=0)
-            self.force[x] += np.abs(inside).max(axis=0) + jump / 2
-        pulls = size(self.traction) + size(self.pressure)
-        load = np.bincount(self.out % self.K, pulls, self.K)
-        load += size(self.stress) + self.length * size(self.body_force)
-        self.load = load * self.length ** (self.N - 1)
-        self.force += 6 * EPS * self.load
-
     def displace(self) -> None:
-        """Strains, trial stresses and works, the room at the obstacle, and rounding of all."""
+        """Strains, trial stresses and works, and the room at the obstacle."""
         local = self.u.take(self.cells, axis=2)
         change = local - local[:, :, self.N, None]
         strain = einsum("LxvkK,vcxK->LkcK", change[:, :, self.between], self.across)
-        strain *= -self.degree / (self.N * self.volume)
         self.moduli = np.stack([self.bulk] + [2 * self.mu] * (self.stress.shape[2] - 1))
-        self.trial = self.moduli * strain
+        self.trial = self.moduli * (-self.degree / self.N / self.volume) * strain
         self.trial[0] -= self.law[5 : 5 + len(self.moduli)]
-        self.parts = self.stress, self.trial, self.moduli, self.law
-        grad = self.degree**1.5 * self.N * self.steep * size(change) * self.moduli[:2]
-        S, t = (np.array([size(a[:, :, 0]), size(a[:, :, 1:])]) for a in self.parts[:2])
-        S += 2 * size(self.law[5:])
-        w = (S + grad) * (S + t + self.wrong * grad) / np.array([self.bulk, self.soft])
-        w = self.volume * w.sum(axis=0) + 2 * self.N * np.abs(self.u).max() * self.load
-        self.rest = 30 * self.L * self.wrong * w
+        self.grad = self.degree**1.5 * self.N * self.steep * size(change)
         u = self.u.take(self.ends, axis=2)
         room = self.gap - einsum("LxtB,xB->LtB", u, self.normal)
         near = 3 * self.wrong.max() * (np.abs(u).sum((0, 1)) + np.abs(self.gap).sum(0))
@@ -214,8 +184,36 @@ class Body:
         M = MEANS[(2, self.N) if self.degree == 2 else self.N][..., None] * self.outer
         self.opened = einsum("stB,LsB,tB->LB", M, self.pressure, room[0] + near)
         pulled = einsum("stB,GxsB,HxtB->GHB", M, self.traction, u)
-        done = self.volume * einsum("GxK,HxK->GHK", self.body_force, local.mean(axis=2))
+        done = einsum("GxK,HxK->GHK", self.body_force * self.volume, local.mean(axis=2))
         self.work = np.append(done, pulled, axis=-1)
+
+    def balance(self) -> None:
+        """Sizes of the forces that S leaves, by components and cells, and all rounding."""
+        self.parts = self.stress, self.trial, self.moduli, self.law
+        S, t = (np.array([size(a[:, :, 0]), size(a[:, :, 1:])]) for a in self.parts[:2])
+        pulls = size(self.traction) + size(self.pressure)
+        load = size(S) + self.length * size(self.body_force)
+        load += np.bincount(self.out % self.K, pulls, self.K)
+        load *= self.length ** (self.N - 1)
+        S += 2 * size(self.law[5:])
+        most = 4 * self.mu * (S + t)[1] / self.hardening
+        self.tangent = np.clip(self.tangent, 0.0, most)
+        grad = self.grad * self.moduli[:2]
+        w = (S + grad) * (S + t + self.wrong * grad) / np.array([self.bulk, self.soft])
+        w = self.volume * w.sum(axis=0) + 2 * self.N * np.abs(self.u).max() * load
+        self.rest = 30 * self.L * self.wrong * w
+        self.force = np.tile(6 * EPS * load, (self.N, 1))
+        for i, x in np.ndindex(self.L, self.N):
+            T = einsum("kcK,vcK->vkK", self.stress[i], self.across[:, :, x])
+            inside = sum(T[v, k] for v, k in enumerate(self.between)) * self.degree
+            inside = inside / self.N - self.body_force[i, x] * self.volume
+            jump = np.concatenate([T[v, k] for v, k in enumerate(self.on_side)], axis=1)
+            pulled = self.traction[i, x] - self.pressure[i] * self.normal[x]
+            jump[:, self.out] -= pulled * self.outer
+            jump[:, self.out] *= self.held[x] == 0
+            jump += jump.take(self.other, axis=1)
+            jump = np.abs(jump).max(axis=0).reshape(-1, self.K).sum(axis=0)
+            self.force[x] += np.abs(inside).max(axis=0) + jump / 2
 
     def defect(self) -> float:
         """The number b: |R| <= b (2 J(u) - 2 J(v))^(1/2)."""
@@ -237,32 +235,33 @@ class Body:
         if self.degree == 2:  # as quadratics
             trial = trial[:, PAIRS[self.N + 1]].mean(axis=1)
         mu, h, beta = law[1:4]
+        H = h / (2 * mu)
         back = law[5 + len(moduli) :]
         s = trial[0, :, 1:] - back
         x = stress[0, :, 1:] - back
-        p, length = outside(s, beta)
-        mean = np.minimum(np.sqrt(inner(p, p)), length.mean(axis=0))
+        p, over, _ = outside(s, beta)
+        mean = np.minimum(np.sqrt(inner(p, p)), over.mean(axis=0))
         E = (beta * mean + inner(p, p / 2 - s)) / (2 * mu + h)
         J = inner(trial[0], trial[0] / moduli) / 2 + E - law[4]
-        excess, _ = outside(x, beta)
+        excess = outside(x, beta)[0]
         apart = inner(x, x) - beta * (2 * size(x.mean(axis=0)) - beta)
         missing = stress - trial
-        least = np.minimum(inner(excess, excess), apart)
-        rows = [J, inner(missing[0], missing[0] / moduli) / 2 + E + least / (2 * h)]
-        for sign, r in zip((-1, 1), self.tangent[:, cells], strict=False):
-            p = x + sign * stress[1, :, 1:]
-            y = p + s - sign * trial[1, :, 1:]
-            X = supremum(y, p + h / (2 * mu) * y, r, h / (2 * mu), beta) / (2 * mu)
-            both = missing[0] + sign * missing[1]
-            own = inner(trial[0], trial[1] / moduli)
-            rows.append(X + inner(both, both / moduli) / 4 - sign * own)
+        lack = [inner(missing[0], m / moduli) for m in missing]
+        rows = [J, lack[0] / 2 + E + np.minimum(inner(excess, excess), apart) / (2 * h)]
+        for T, t, m in zip(stress[1:], trial[1:], missing[1:], strict=True):
+            even = (lack[0] + inner(m, m / moduli)) / 4
+            odd = lack[1] / 2 - inner(trial[0], t / moduli)
+            for sign, r in zip((-1, 1), self.tangent[:, cells], strict=True):
+                y = x + s + sign * m[:, 1:]
+                X = supremum(y, x + sign * T[:, 1:] + H * y, r, H, beta)
+                rows.append(X / (2 * mu) + even + sign * odd)
         return np.array(rows)
 
     def intervals(self, factor: float) -> dict:
         """What the least energy lies between, and a goal if there is one."""
         need(1 / LARGEST < factor < LARGEST, "factor: not positive, or too large")
         b = self.defect()
-        blocks = [slice(k, k + 4096) for k in range(0, self.K, 4096)]
+        blocks = [slice(k, k + 8192) for k in range(0, self.K, 8192)]
         J, gap, *ends = np.concatenate([self.densities(k) for k in blocks], axis=1)
         J = np.append(self.volume * J, -self.work[0, 0])
         gap = most(self.volume * gap, self.opened[0], self.rest)
@@ -278,6 +277,7 @@ class Body:
 
 def check(path: str) -> str:
     """What a receipt shows; ValueError and others if it does not."""
+    np.empty(4_000_000)  # freed at once; memory that is freed afterwards is used again
     with open(path, "rb") as file, np.lib.npyio.NpzFile(file) as members:
         header = json.loads(str(members["header"]))
         need(header["format"] == FORMAT, f"format: not {FORMAT!r}, write it again")
