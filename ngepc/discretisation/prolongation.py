@@ -10,6 +10,7 @@ from ngsolve.la import BaseVector
 from ngepc.checks.sentences import counted, in_words
 from ngepc.discretisation.facets import MIDDLE
 from ngepc.model.elements import edge_ends, has_straight_simplices, vertex_coordinates
+from ngepc.model.located import located
 from ngepc.model.problem import Problem
 from ngepc.model.processes import require_whole
 
@@ -30,7 +31,7 @@ def vertex_dofs(space: FESpace, mesh: Mesh) -> np.ndarray:
 def at_points(mesh: Mesh, vertex_values: np.ndarray, points: np.ndarray) -> np.ndarray:
     """The P1 function with vertex values (nv, k) at points (n, N), outside at a nearest vertex."""
     component = GridFunction(H1(mesh, order=1))
-    places = mesh(*points.T)
+    places = located(mesh, points)
     inside = places["nr"] >= 0
     result = np.empty((len(points), vertex_values.shape[1]))
     for k, values in enumerate(vertex_values.T):
@@ -120,7 +121,7 @@ def _quadratic(source: GridFunction, problem: Problem) -> np.ndarray:
 def values_at_points(function: GridFunction, points: np.ndarray) -> np.ndarray:
     """A function of N components at points (n, N), outside at a nearest vertex."""
     mesh = function.space.mesh
-    places = mesh(*points.T)
+    places = located(mesh, points)
     inside = places["nr"] >= 0
     result = np.empty(points.shape)
     result[inside] = np.asarray(function(places[inside]))

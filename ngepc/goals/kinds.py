@@ -29,6 +29,7 @@ from ngepc.goals.roller_motion import motion_of_support
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.data import Vector
 from ngepc.model.elements import elements_by_shape, vertex_coordinates
+from ngepc.model.located import located
 from ngepc.model.places import Edge, Point
 from ngepc.model.problem import Problem
 
@@ -237,9 +238,10 @@ class MeanAround(Goal):
         point = self.place.point
         component = require_component("component", self.place.component, problem.N)
         at = require_vector("point", point, (problem.N,))
-        if not self.mesh.Contains(*at):
+        number = int(located(self.mesh, np.array([at]))["nr"][0])
+        if number < 0:
             raise ValueError(f"point={in_words(point)}: a point in the body is needed")
-        around = cells_within(problem.mesh, self.mesh, self.mesh(*at).nr)
+        around = cells_within(problem.mesh, self.mesh, number)
         patch = GridFunction(L2(problem.mesh, order=0))
         patch.vec.FV().NumPy()[around] = 1.0
         size = Integrate(patch, problem.mesh, VOL)
@@ -330,5 +332,5 @@ def cells_within(mesh: Mesh, other: Mesh, number: int) -> np.ndarray:
     found = []
     for numbers, vertices in elements_by_shape(mesh):
         centres = vertex_coordinates(mesh)[vertices].mean(axis=1)
-        found.append(numbers[other(*centres.T)["nr"] == number])
+        found.append(numbers[located(other, centres)["nr"] == number])
     return np.concatenate(found)

@@ -3,6 +3,6 @@
 - the problem: problem, data, own, features
 - checks: checks, mesh_checks, material_checks, support
 - material: material, tensile, hardening, viscosity, hill, overlay
-- body and conditions: kinematics, elements, places, obstacles, round
+- body and conditions: kinematics, elements, located, places, obstacles, round
 - meshes that processes share: parts, processes
 """

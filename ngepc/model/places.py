@@ -18,6 +18,7 @@ from ngepc.checks.arguments import (
 from ngepc.checks.declared import Along, Datum, Declared, Flag, NotNegativeDatum, Text
 from ngepc.checks.sentences import in_words
 from ngepc.model.elements import corner_vertices, vertex_coordinates
+from ngepc.model.located import located
 
 AT = 1e-6
 """Fraction of the extent of the body by which a vertex may miss the coordinates of a point."""
@@ -203,5 +204,5 @@ def values_at(
     vertices = vertices_at(place, mesh)
     if not isinstance(value, CoefficientFunction):
         return vertices, np.tile(np.array(value, dtype=float), (len(vertices), 1))
-    found = value(mesh(*vertex_coordinates(mesh)[vertices].T))
+    found = value(located(mesh, vertex_coordinates(mesh)[vertices]))
     return vertices, np.asarray(found, dtype=float).reshape(len(vertices), -1)

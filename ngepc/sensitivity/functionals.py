@@ -27,6 +27,7 @@ from ngepc.discretisation.spaces import nodal
 from ngepc.discretisation.supports import support_motion
 from ngepc.goals.kinds import PointDisplacement, SupportReaction
 from ngepc.local.system import State
+from ngepc.model.located import located
 from ngepc.sensitivity.contact import LinearContact
 from ngepc.sensitivity.equations import Data
 from ngepc.sensitivity.law_equations import (
@@ -148,11 +149,12 @@ class DisplacementAt(PointDisplacement):
         N = state.discrete.problem.N
         place = require_vector("point", self.point, (N,))
         component = require_component("component", self.component, N)
-        if not points.mesh.Contains(*place):
+        there = located(points.mesh, np.array([place]))[0]
+        if there["nr"] < 0:
             raise ValueError(f"point={self.point!r}: a point in the body is needed")
-        there = points.mesh(*place)
-        element = ngs.ElementId(ngs.VOL, there.nr)
-        shape = np.array(points.scalar.GetFE(element).CalcShape(*there.pnt))
+        element = ngs.ElementId(ngs.VOL, int(there["nr"]))
+        inside = (float(there[axis]) for axis in "xyz")
+        shape = np.array(points.scalar.GetFE(element).CalcShape(*inside))
         u = np.zeros_like(state.u)
         u[list(points.scalar.GetDofNrs(element)), component] = shape
         return Slope(float(np.vdot(u, state.u)), Data(u=u))

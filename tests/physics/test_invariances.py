@@ -7,19 +7,22 @@ import dataclasses
 
 import numpy as np
 import pytest
-from bodies import FLAT
+from bodies import FLAT, STEEL, distorted, moved_by
 from netgen.meshing import Element1D, Element2D, MeshPoint, Pnt
 from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import CF, Mesh, x, y
 
 from ngepc import (
     Coupled,
+    DisplacementAt,
     Material,
     NewtonOptions,
     Problem,
     Status,
     Units,
     error_bound,
+    goal_bound,
+    gradient,
     semismooth_newton,
 )
 from ngepc.geometries import lshape
@@ -158,6 +161,22 @@ def test_units_change_no_bound(stress, length):
         for s, size in ((1.0, 1.0), (stress, length))
     )
     assert second.total == pytest.approx(stress * length**2 * first.total, rel=1e-9)
+
+
+def test_a_displacement_at_a_point_of_a_small_body():
+    """Its derivative by the load is that of the same body in another unit of length."""
+    found = []
+    for length in (1.0, 1e-6):
+        mesh = moved_by(length * np.eye(2), distorted(3))
+        result = semismooth_newton(
+            Problem(mesh, STEEL, traction={"right": (0.5, 0.2)}, order=1)
+        )
+        at = DisplacementAt((0.61 * length, 0.57 * length), 0)
+        slope = gradient(result, at, ["traction"])["traction"]
+        found.append(
+            (slope / length, *np.divide(goal_bound(result, at).interval, length))
+        )
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
 
 
 def renumbered(mesh, seed):
