@@ -9,5 +9,5 @@
 - adaptive meshes: adaptive, refinement, planning, one_mesh, ends, clock
 - answers in a sentence: verdicts, confidence, variants
 - brackets from energies, without an adjoint: brackets
-- receipts: receipt, receipt_file, receipt_mesh, check_receipt
+- receipts: receipt, receipt_arrays, receipt_mesh, receipt_file, check_receipt
 """

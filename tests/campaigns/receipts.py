@@ -21,7 +21,7 @@ from ngsolve import ET, IntegrationRule
 
 from ngepc import error_bound, goal_bound, semismooth_newton, write_receipt
 from ngepc.goals import check_receipt
-from ngepc.goals.receipt import NO_OBSTACLE
+from ngepc.goals.receipt_arrays import NO_OBSTACLE
 from ngepc.goals.receipt_file import packed
 from ngepc.studies.work import Work
 

@@ -10,7 +10,7 @@ from ngsolve import x
 from ngepc import Material, Problem, goal_bound, semismooth_newton, write_receipt
 from ngepc.geometries import block
 from ngepc.goals import check_receipt
-from ngepc.goals.receipt import NO_OBSTACLE
+from ngepc.goals.receipt_arrays import NO_OBSTACLE
 from ngepc.goals.receipt_file import packed, proved_intervals
 
 MATERIAL = Material.kinematic(

@@ -38,6 +38,7 @@ from ngepc.__main__ import main
 from ngepc.bounds.of_state import bound_data_of, bound_of
 from ngepc.geometries import block
 from ngepc.goals import check_receipt, receipt
+from ngepc.goals.receipt_arrays import NO_OBSTACLE
 from ngepc.goals.receipt_file import (
     arguments_of_supremum,
     back_stress,
@@ -607,7 +608,7 @@ def test_densities_are_bounded(size, order, tmp_path):
     u += large / 1e4 * random.normal(size=u.shape)
     stress += large * random.normal(size=stress.shape)
     arrays["law"][4:] = random.normal(size=(8, 1))
-    arrays["gap"][:] = receipt.NO_OBSTACLE
+    arrays["gap"][:] = NO_OBSTACLE
     r = check_receipt.Body(packed(arrays), header)
     J, gap = r.densities(slice(None))
     exact_J, exact_gap = exact_densities(r)

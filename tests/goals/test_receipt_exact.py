@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ngepc.goals import check_receipt
-from ngepc.goals.receipt import NO_OBSTACLE
+from ngepc.goals.receipt_arrays import NO_OBSTACLE
 from ngepc.goals.receipt_file import basis, packed, proved_intervals, with_hints
 
 

@@ -12,7 +12,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from ngepc.goals.receipt import NO_OBSTACLE
+from ngepc.goals.receipt_arrays import NO_OBSTACLE
 from ngepc.goals.receipt_file import basis, packed, proved_intervals, with_hints
 
 KINEMATICS = {2: "two-dimensional", 3: "solid"}
