@@ -11,7 +11,19 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from ngsolve import BND, ET, H1, ElementId, FESpace, IntegrationRule, specialcf
+from ngsolve import (
+    BND,
+    CF,
+    ET,
+    H1,
+    ElementId,
+    FESpace,
+    IntegrationRule,
+    specialcf,
+    x,
+    y,
+    z,
+)
 from ngsolve.fem import FiniteElement
 from scipy.sparse import csr_matrix, vstack
 
@@ -154,7 +166,7 @@ def nearer_between_nodes(problem: Problem) -> str:
         return ""
     return (
         f"An obstacle stands nearer between nodes by up to {most:.3g}: whole facets keep clear of "
-        "it, with forces that are too large; refine the contact boundary there."
+        "it, and forces are too large where it touches; refine the contact boundary there."
     )
 
 
@@ -294,9 +306,19 @@ def deepest_overlap(problem: Problem, u: np.ndarray) -> float:
 
     From nodal displacements (nodes, N).
     """
+    found = (float(depth.max(initial=0.0)) for depth, _ in overlaps(problem, u))
+    return max(found, default=0.0)
+
+
+def overlaps(
+    problem: Problem, u: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """u . n - gap (length) at many points of the facets of rigid obstacles, and the points.
+
+    Of shapes (points,) and (points, N), from nodal displacements (nodes, N).
+    """
     mesh = problem.mesh
     scalar = H1(mesh, order=problem.order)
-    result = 0.0
     for name in problem.contact_names:
         region = mesh.Boundaries(name)
         for shape in {facet.type for facet in region.Elements()}:
@@ -309,10 +331,9 @@ def deepest_overlap(problem: Problem, u: np.ndarray) -> float:
 
             at = mesh.MapToAllElements({shape: rule}, region)
             normal = np.asarray(problem.normal(at)).reshape(moved.shape)
-            gap = np.ravel(problem.gaps[name](at)).reshape(moved.shape[:2])
-            depth = np.einsum("eqc,eqc->eq", moved, normal) - gap
-            result = max(result, float(depth.max(initial=0.0)))
-    return result
+            along = np.einsum("eqc,eqc->eq", moved, normal).ravel()
+            places = np.asarray(CF((x, y, z)[: problem.N])(at))
+            yield along - np.ravel(problem.gaps[name](at)), places
 
 
 def shared_records(

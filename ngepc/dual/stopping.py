@@ -30,8 +30,7 @@ NEARER = "Start from the solution for a smaller gamma or a smaller load step"
 ADVICE = {
     Status.ITERATION_LIMIT: f"{NEARER}, raise max_iterations, or leave gamma out.",
     Status.LINESEARCH_FAILED: f"{NEARER}.",
-    Status.STAGNATED: "Energies change by rounding errors only: choose a tolerance above "
-    "this residual.",
+    Status.STAGNATED: "Rounding errors hide further progress. A tolerance above {} can be met.",
     Status.NONFINITE: "Check loads and coefficients for NaN and for values that changed during "
     f"the run. {NEARER}.",
 }
@@ -115,14 +114,18 @@ def final_check(
         return here, Status.CONVERGED, ""
     if aim.met(rounding, steps):
         return here, None, ""
-    left = total(rounding)
-    reach = 1.1 * (here.residual_norm + left) / here.functional.blocks.residual_unit
     cause = (
-        f"Rounding errors leave a residual of about {left:.2g}, however it is computed: "
-        "the hardening is small compared with the elastic moduli, or the loads are large, for "
-        f"{aim}. A tolerance above {reach:.2g} can be met."
+        f"Rounding errors leave a residual of about {total(rounding):.2g}, which this computation "
+        "of it may hide: the hardening is small compared with the elastic moduli, or the loads "
+        f"are large, for {aim}."
     )
     return here, Status.STAGNATED, cause
+
+
+def reachable(here: DualIterate) -> float:
+    """A tolerance that an iterate meets, with the rounding errors of its residual."""
+    rounding = total(here.functional.rounding(here.y))
+    return 1.1 * (here.residual_norm + rounding) / here.functional.blocks.residual_unit
 
 
 def ended(
@@ -147,7 +150,10 @@ def ended(
                 f"Step {shortest.iteration} was damped to {shortest.step_length:.3g}, the shortest "
                 f"of the last {len(recent)}."
             )
-        cause = " ".join(filter(None, (cause, seen, damped, ADVICE[status])))
+        advice = ADVICE[status]
+        if status is Status.STAGNATED:
+            advice = advice.format(f"{reachable(here):.2g}")
+        cause = " ".join(filter(None, (cause, seen, damped, advice)))
     message = " ".join(filter(None, (cause, here.functional.blocks.note)))
     found = DualResult(here.functional, here.y, here.v, status, message, history)
     return with_remarks(found)

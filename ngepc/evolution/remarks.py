@@ -22,6 +22,7 @@ from ngepc.results.remarks import (
     few_facets,
     large_motion,
     large_part,
+    like_a_coefficient,
     turning,
 )
 
@@ -40,7 +41,8 @@ def remarks(steps: Sequence[EvolutionStep], memory: Memory) -> str:
         found.append("Nothing touches the obstacle in any step.")
     pressed = max((s.record for s in steps), key=lambda record: record.contact_force)
     few = few_facets(pressed.contact_facets, pressed.contact_nodes)
-    found += [f"At time {pressed.time:g}: {few}"] if few else []
+    smooth = like_a_coefficient(problem, pressed.max_contact_pressure)
+    found += [f"At time {pressed.time:g}: {said}" for said in (few, smooth) if said]
     resolved = partial(unresolved_data, points=memory.functions.points)
     notes = (order_note, round_note, what_is_unseen, resolved, nearer_between_nodes)
     found += filter(None, (note(problem) for note in notes))

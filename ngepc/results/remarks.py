@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from ngsolve import CoefficientFunction, Grad, GridFunction, IfPos, Integrate
 
+from ngepc.checks.arguments import is_number
 from ngepc.checks.sentences import at_most_percent, counted, in_percent
 from ngepc.discretisation.finer import unresolved_data
-from ngepc.discretisation.gap_records import nearer_between_nodes
+from ngepc.discretisation.gap_records import nearer_between_nodes, overlaps
 from ngepc.discretisation.points import Points
 from ngepc.discretisation.sampled import what_is_unseen
 from ngepc.discretisation.shared_forces import range_of_force
@@ -40,6 +41,9 @@ SMALL_STRAIN = 0.03
 SMALL_ROTATION = 0.05
 """Strain |eps(u)| and rotation (rad) above which the message warns of large deformations."""
 
+SLIPPERY = 0.01
+"""Bounds of friction in a smaller ratio to the pressure than any friction of metals are said."""
+
 NEGLIGIBLE = 1e-6
 """Spurious strains that are not spoken of, relative to the largest strain."""
 
@@ -61,6 +65,7 @@ def remarks_on(result: Any, points: Points | None, hidden: float) -> list[str]:
         without_motion(result),
         deformed_much(result),
         "" if still else few,
+        like_a_coefficient(result.problem, result.largest_pressure),
         shared_in_many_ways(result),
         undetermined(result),
         overlaps_between_nodes(result, hidden),
@@ -110,27 +115,46 @@ def out_of_balance(result: Any) -> str:
 
 
 def without_touch(result: Any) -> str:
-    """A remark where nothing touches the obstacle: how far it is."""
+    """A remark where no contact force acts: how far the obstacle is."""
     if not result.status.is_solution or result.contact_nodes:
         return ""
-    rows = result.rows
-    points = vertex_coordinates(result.problem.mesh)
-    places = rows.between(points).tolist()
-    gaps = np.where(rows.tied, np.inf, result.open_gap).tolist()
-    nearest = min(zip(gaps, places, strict=True), default=(np.inf, []))
-    processes = result.problem.processes
-    gap, place = min(processes.all(nearest))
-    if not 0 <= gap < np.inf:
+    gap, place = smallest_gap_left(result)
+    touching = result.state.touching_distance
+    if not -touching <= gap < np.inf:
         return ""
     where = tuple(float(f"{c:.4g}") for c in place)
+    if gap <= touching:
+        return f"No contact force acts: the body just reaches the obstacle at {where}."
     missed = ""
-    if gap > processes.extent(points).max():
+    vertices = vertex_coordinates(result.problem.mesh)
+    if gap > result.problem.processes.extent(vertices).max():
         missed = (
             ", more than the size of the body: no obstacle lies along the normals of the contact "
             "boundary, or it is far away"
         )
     found = f"the smallest gap left is {gap:.3g} at {where}{missed}"
     return f"Nothing touches the obstacle: {found}."
+
+
+def smallest_gap_left(result: Any) -> tuple[float, list[float]]:
+    """The smallest gap that u leaves, inf without contact, and the place of it.
+
+    That of rigid obstacles is looked at in many points, since the contact rows, which are means or
+    Bernstein coefficients, may be nearer than the obstacle; that of two bodies is one of the rows.
+    """
+    rows = result.rows
+    apart = ~rows.tied
+    apart[result.state.body.contact.on_obstacles] = False
+    gaps = result.open_gap[apart]
+    places = rows.between(vertex_coordinates(result.problem.mesh))[apart]
+    for depth, points in overlaps(result.problem, result.state.u):
+        gaps = np.append(gaps, -depth)
+        places = np.vstack([places, points])
+    nearest = (np.inf, [])
+    if len(gaps):
+        first = int(gaps.argmin())
+        nearest = float(gaps[first]), places[first].tolist()
+    return min(result.problem.processes.all(nearest))
 
 
 def without_motion(result: Any) -> str:
@@ -143,6 +167,8 @@ def without_motion(result: Any) -> str:
 
 def deformed_much(result: Any) -> str:
     """A remark on strains or rotations that are not small."""
+    if result.status is Status.LIMIT_LOAD:
+        return ""  # an iterate of a run that diverges
     return not_small(result.largest_strain, result.largest_rotation, result.fields)
 
 
@@ -151,6 +177,21 @@ def not_small(strain: float, rotation: float, fields: Fields) -> str:
     if strain <= SMALL_STRAIN and rotation <= SMALL_ROTATION:
         return ""
     return large_motion(strain, rotation, large_part(fields))
+
+
+def like_a_coefficient(problem: Problem, pressure: float) -> str:
+    """A remark on Tresca's bound that is meant for Coulomb's coefficient, as it seems.
+
+    It is a number of at most one, and small beside the largest contact ``pressure`` (stress).
+    """
+    bound = problem.friction
+    if not is_number(bound) or not 0 < bound <= min(1.0, SLIPPERY * pressure):
+        return ""
+    return (
+        f"friction={bound:g} is a bound of the shear stress, "
+        f"{at_most_percent(bound / pressure)} of the largest contact pressure, {pressure:.3g}: "
+        f"a coefficient of friction is friction=Coulomb({bound:g})."
+    )
 
 
 def shared_in_many_ways(result: Any) -> str:

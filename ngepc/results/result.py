@@ -276,6 +276,12 @@ class DiscreteSolution(Result):
         return self._density("contact_pressure", self.pressing[:, None])
 
     @property
+    def largest_pressure(self) -> float:
+        """The largest contact pressure of a vertex (stress)."""
+        values = self.contact_pressure.vec.FV().NumPy()
+        return self.problem.processes.maximum(values)
+
+    @property
     def friction_force(self) -> tuple[float, ...]:
         """Resultant of the friction on the body, N components (force)."""
         return tuple(self.state.body.contact.sum_of(self._friction_on_body).tolist())

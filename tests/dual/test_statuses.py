@@ -257,7 +257,20 @@ def test_tolerance_below_rounding_is_named_and_the_message_quotes_the_true_resid
     assert result.status is Status.STAGNATED
     assert 1e-12 < result.residual_norm < 1e-7
     assert f"the residual is {result.residual_norm:.3g}" in result.message
-    assert "choose a tolerance above" in result.message
+    reach = float(re.search(r"A tolerance above (\S+) can be met", result.message)[1])
+    assert reach > result.residual_norm + result.residual_rounding
+
+
+def test_a_residual_below_the_tolerance_is_not_what_a_tolerance_should_exceed():
+    """Rounding errors may hide a larger residual: the advice says how large that may be."""
+    problem = lshape_problem(lshape.paper_mesh(33))
+    result = semismooth_newton(problem, 1e3, options=NewtonOptions(tolerance=1e-14))
+    assert result.status is Status.STAGNATED
+    assert max(1e-14, result.residual_norm) < result.residual_rounding
+    assert "above this residual" not in result.message
+    reach = float(re.search(r"A tolerance above (\S+) can be met", result.message)[1])
+    met = semismooth_newton(problem, 1e3, options=NewtonOptions(tolerance=reach))
+    assert met.status is Status.CONVERGED
 
 
 # Paths and load histories pass statuses on

@@ -10,7 +10,15 @@ from ngsolve import CF, Mesh, y
 from solved import lshape_primal
 from teams import Jacobi
 
-from ngepc import Material, NewtonOptions, Problem, Status, semismooth_newton
+from ngepc import (
+    Coulomb,
+    Material,
+    NewtonOptions,
+    Problem,
+    Status,
+    evolve,
+    semismooth_newton,
+)
 from ngepc.geometries import block
 from ngepc.model.elements import largest_slenderness
 from ngepc.model.obstacles import Disc
@@ -305,3 +313,58 @@ def test_only_solutions_say_that_nothing_touches():
     inside = replace(inside, status=Status.STAGNATED)
     assert inside.open_gap.min() < 0 or inside.contact_force > 0
     assert said not in inside.message
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_gap_left_is_that_of_the_obstacle_also_where_nodes_are_far_apart(order):
+    """A disc 1.2 above a block with two edges on top: rows of order two are as near as 0.7."""
+    mesh = block.structured_mesh(2, 2, size=(10, 10))
+    gap = Disc(centre=(3.75, 10 + 1.2 + 5.0), radius=5.0).gap(mesh)
+    result = semismooth_newton(
+        Problem(mesh, METAL, contact="contact", gap=gap, order=order)
+    )
+    assert "the smallest gap left is 1.2 at (3.75, 10.0)." in result.message
+    if order == 2:
+        assert result.open_gap.min() < 1.1
+
+
+def test_a_body_that_reaches_its_obstacle_without_a_force_is_not_told_that_nothing_touches():
+    touching = Problem(block.structured_mesh(2, 2), METAL, contact="contact", gap=0.0)
+    message = semismooth_newton(touching).message
+    assert "Nothing touches" not in message
+    assert "No contact force acts: the body just reaches the obstacle" in message
+
+
+def test_iterates_beyond_the_limit_load_say_nothing_of_their_strains():
+    """They diverge, by 1e4 percent here, which is no property of the body."""
+    soft = Material.metal(young=1e3, poisson=0.3, yield_stress=5.0, tangent_modulus=0.0)
+    pulled = Problem(block.structured_mesh(4, 4), soft, traction={"right": (20.0, 0.0)})
+    result = semismooth_newton(pulled)
+    assert result.status is Status.LIMIT_LOAD
+    assert result.largest_strain > 1
+    assert "Strains reach" not in result.message
+
+
+@pytest.mark.parametrize(
+    ("friction", "gap", "said"),
+    [
+        (0.2, -0.1, True),  # pressures of some 100
+        (0.2, -1e-4, False),  # of 0.1
+        (5.0, -0.1, False),
+        (0.0, -0.1, False),
+        (Coulomb(0.2), -0.1, False),
+    ],
+)
+def test_a_bound_of_friction_that_looks_like_a_coefficient_is_named(
+    friction, gap, said
+):
+    hard = replace(METAL, yield_stress=1e4)
+    mesh = block.structured_mesh(4, 4)
+    problem = Problem(mesh, hard, contact="contact", gap=gap, friction=friction)
+    result = semismooth_newton(problem)
+    pressure = result.contact_force / result.contact_area
+    assert result.largest_pressure >= pressure > 0.1
+    named = "a coefficient of friction is friction=Coulomb(0.2)"
+    assert (named in result.message) is said
+    history = evolve(problem, [(1.0, {})])
+    assert (named in history.message) is said
