@@ -54,7 +54,9 @@ COARSER = {
         "steps=400": "steps=5",
     },
     "docs/howto/geometry.md": {
-        "(shape).GenerateMesh(maxh=0.2": "(shape).GenerateMesh(maxh=0.4"
+        "mesh = Mesh(OCCGeometry(shape).GenerateMesh(maxh=0.2": (
+            "mesh = Mesh(OCCGeometry(shape).GenerateMesh(maxh=0.4"
+        )
     },
     "docs/howto/pictures.md": {"dpi=200": "dpi=40"},
     "docs/howto/moving_obstacles.md": {
