@@ -384,8 +384,8 @@ def test_a_tangent_of_the_norm_is_above_it():
 
 
 def length(x, axis=0):
-    """Sizes of vectors."""
-    return np.sqrt((x**2).sum(axis=axis))
+    """Sizes of vectors, one component after the other."""
+    return np.sqrt(sum(component**2 for component in np.moveaxis(x, axis, 0)))
 
 
 def at_many(x, n=40):
@@ -405,8 +405,10 @@ def best_of(p, w, law):
     h, beta = law
     y = p + w
     g = np.append(0.0, np.geomspace(1e-3, 1e3, 600))[:, None]
-    v = (beta + (1 + h) * g)[:, None] * p + (beta + h * g)[:, None] * w
-    outside = length(v, 1) - (beta + (1 + h) * g) * (beta + h * g)
+    slope = p + h * y
+    square = beta**2 * (y * y).sum(axis=0) + 2 * beta * g * (y * slope).sum(axis=0)
+    square = square + g**2 * (slope * slope).sum(axis=0)  # of beta y + g slope
+    outside = np.sqrt(np.maximum(square, 0.0)) - (beta + (1 + h) * g) * (beta + h * g)
     t = np.minimum(length(y) / 2, beta)
     return np.maximum(outside.max(axis=0), length(y) * t - t**2)
 
