@@ -183,27 +183,34 @@ def require_components(name: str, value: object, N: int) -> CoefficientFunction:
 def boundary_names(argument: str, value: object, mesh: Mesh) -> tuple[str, ...]:
     """The names in ``value`` ('a', 'a|b' or a sequence), each an existing boundary of ``mesh``."""
     parts = value.split("|") if isinstance(value, str) else value
-    asked = f"{argument}={in_words(value)}: "
     listed = isinstance(parts, Sequence) and not isinstance(parts, bytes)
     if not listed or not all(isinstance(part, str) for part in parts):
         needed = "a boundary name or several ('left|right') are needed"
-        raise TypeError(f"{asked}{needed}{hint_at_displacements(argument, value)}")
-    known = sorted(set(mesh.GetBoundaries()))
-    for part in parts:
-        if part not in known:
-            legal = ", ".join(map(repr, known))
-            none = " (clamped=None if no boundary is)" if argument == "clamped" else ""
-            raise ValueError(
-                f"{asked}there is no boundary {part!r}; this mesh has {legal}{none}"
-            )
-        if PATTERN & set(part):
-            signs = "".join(sorted(PATTERN)) + ", which NGSolve reads as a pattern"
-            raise ValueError(
-                f"{asked}the name {part!r} has one of the characters {signs}: rename it"
-            )
-    if not parts:
-        raise ValueError(f"{asked}at least one boundary name is needed")
+        needed += hint_at_displacements(argument, value)
+        raise TypeError(f"{argument}={in_words(value)}: {needed}")
+    known = set(mesh.GetBoundaries())
+    wrong = next((p for p in parts if p not in known or PATTERN & set(p)), None)
+    if wrong is not None or not parts:
+        refused = refused_name(argument, wrong, sorted(known))
+        raise ValueError(f"{argument}={in_words(value)}: {refused}")
     return tuple(dict.fromkeys(parts))
+
+
+def refused_name(argument: str, name: str | None, known: list[str]) -> str:
+    """What is wrong with the name of a boundary of a mesh with these; None is no name."""
+    if name is None:
+        return "at least one boundary name is needed"
+    if name in known:
+        signs = "".join(sorted(PATTERN))
+        return (
+            f"the name {name!r} has one of the characters {signs}, "
+            "which NGSolve reads as a pattern: rename it"
+        )
+    legal = ", ".join(map(repr, known))
+    none = ""
+    if argument == "clamped":
+        none = " (clamped=None if no boundary is)"
+    return f"there is no boundary {name!r}; this mesh has {legal}{none}"
 
 
 def hint_at_displacements(argument: str, value: object) -> str:

@@ -13,7 +13,7 @@ the coefficients are the values at the corners and B_i are the hat functions.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from ngsolve import ET, IntegrationRule
@@ -57,13 +57,13 @@ class FacetNodes:
         twice = np.where(ends[:, 0] == ends[:, 1], 1.0, 2.0)
         return twice * corner[:, ends[:, 0]] * corner[:, ends[:, 1]]
 
-    @property
+    @cached_property
     def coefficients(self) -> np.ndarray:
         """Bernstein coefficients of the values at the nodes, shape (k, k)."""
         found = np.linalg.inv(self.basis(self.places))
         return np.where(np.abs(found) < 1e-12, 0.0, found)
 
-    @property
+    @cached_property
     def corners(self) -> np.ndarray:
         """Four corners that each node is the mean of, with repetitions, shape (k, 4)."""
         near = [np.flatnonzero(row) for row in hats(self.shape, self.places)]
@@ -86,6 +86,7 @@ class FacetNodes:
         result[edges.stop :] = np.arange(edges.stop, len(result))  # the centre
         return result
 
+    @cached_property
     def check_points(self) -> tuple[IntegrationRule, np.ndarray]:
         """Points at which the interpolating polynomial is compared with its data.
 

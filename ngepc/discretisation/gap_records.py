@@ -256,7 +256,7 @@ def _least(
 ) -> np.ndarray:
     """Least coefficients of a gap that jumps, -inf elsewhere, from its values (facets, k)."""
     mesh = problem.mesh
-    rule, owners = facet.check_points()
+    rule, owners = facet.check_points
     at = mesh.MapToAllElements({facet.shape: rule}, mesh.Boundaries(name))
     between = np.ravel(problem.gaps[name](at)).reshape(len(gap), -1)
     coefficients = gap @ facet.coefficients.T
@@ -279,8 +279,8 @@ def row_coefficients(
     row_of = np.empty(len(records), dtype=int)
     row_of[sums.indices] = np.repeat(np.arange(len(first)), np.diff(sums.indptr))
     most = 16  # larger than the number of nodes of a facet
-    facet = np.unique(records[["rank", "facet"]], return_inverse=True)[1]
-    key = most * facet.astype(np.int64) + records["local"]
+    facet = records["rank"] * (records["facet"].max(initial=0) + 1) + records["facet"]
+    key = most * facet + records["local"]
     order = np.argsort(key)
     rows = []
     columns = []
@@ -291,7 +291,7 @@ def row_coefficients(
             chosen = (records["shape"] == number) & (records["local"] == local)
             mine = np.flatnonzero(chosen[first])
             for other in np.flatnonzero(entries):
-                wanted = most * facet[first[mine]].astype(np.int64) + other
+                wanted = most * facet[first[mine]] + other
                 there = order[np.searchsorted(key, wanted, sorter=order)]
                 rows.append(mine)
                 columns.append(row_of[there])

@@ -21,7 +21,6 @@ import numpy as np
 from ngsolve import FESpace
 from scipy.sparse import csr_matrix, diags, vstack
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import norm
 
 from ngepc.discretisation.gap_records import (
     JUMP,
@@ -77,6 +76,8 @@ class ContactRows:
 
     def chosen(self, rows: np.ndarray) -> ContactRows:
         """Some of the rows, by their numbers."""
+        if np.array_equal(rows, np.arange(len(self))):
+            return self
         d = self.normals.shape[1] - 1
         tangents = (d * rows[:, None] + np.arange(d)).ravel()
         parts = {field.name: getattr(self, field.name) for field in fields(self)}
@@ -88,8 +89,8 @@ class ContactRows:
 
     def movable(self, free: np.ndarray) -> np.ndarray:
         """Numbers of the rows that supports do not hold, given the free components (nodes, N)."""
-        part = self.normal @ diags(free.ravel().astype(float))
-        return np.flatnonzero(norm(part, axis=1) > HELD)
+        squares = self.normal.power(2) @ free.ravel().astype(float)
+        return np.flatnonzero(squares > HELD**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,12 +165,13 @@ def rows_along(
 
 def means_along(means: csr_matrix, directions: np.ndarray) -> csr_matrix:
     """Means (m, nodes) of scalars as those of d . u for directions d (m, N), shape (m, nodes N)."""
-    M = means.tocoo()
+    m, count = means.shape
     N = directions.shape[1]
-    columns = N * M.col[:, None].astype(np.int64) + np.arange(N)
-    values = M.data[:, None] * directions[M.row]
-    where = np.repeat(M.row, N), columns.ravel()
-    return csr_matrix((values.ravel(), where), shape=(M.shape[0], N * M.shape[1]))
+    columns = N * means.indices[:, None].astype(np.int64) + np.arange(N)
+    along = np.repeat(directions, np.diff(means.indptr), axis=0)
+    values = means.data[:, None] * along
+    entries = values.ravel(), columns.ravel(), N * means.indptr
+    return csr_matrix(entries, shape=(m, N * count))
 
 
 def tangent_frames(normals: np.ndarray) -> np.ndarray:
@@ -184,6 +186,9 @@ def tangent_frames(normals: np.ndarray) -> np.ndarray:
 
 def joined(parts: list[ContactRows]) -> ContactRows:
     """The rows of several parts, one after the other."""
+    parts = [part for part in parts if len(part)] or parts[:1]
+    if len(parts) == 1:
+        return parts[0]
     arrays = {
         f.name: [getattr(part, f.name) for part in parts] for f in fields(ContactRows)
     }
@@ -202,22 +207,39 @@ def meeting_faces(
     faces and the matrix that sums corners, shape (faces, corners).
     """
     count = len(nodes)
-    ones = np.ones(count)
-    corners = np.arange(count)
     size = np.linalg.norm(normals, axis=1)
-    at = csr_matrix((ones, (corners, nodes)), shape=(count, nodes.max(initial=0) + 1))
-    i, j = (at @ at.T).nonzero()  # pairs of corners at one node
-
+    i, j = pairs_of_equals(nodes)
     least_cosine = np.where(names[i] == names[j], SAME_FACE, SAME_FACE_ACROSS)
     products = np.einsum("pc,pc->p", normals[i], normals[j])
     alike = products > least_cosine * size[i] * size[j]
     pairs = i[alike], j[alike]
-    graph = csr_matrix((ones[pairs[0]], pairs), shape=(count, count))
+    graph = csr_matrix((np.ones(len(pairs[0])), pairs), shape=(count, count))
     face = connected_components(graph)[1]
 
-    found, row = np.unique(np.column_stack([nodes, face]), axis=0, return_inverse=True)
-    sums = csr_matrix((ones, (row.ravel(), corners)), shape=(len(found), count))
-    return found[:, 0], sums
+    found, first, row = np.unique(
+        nodes * count + face, return_index=True, return_inverse=True
+    )
+    ends = np.append(0, np.cumsum(np.bincount(row, minlength=len(found))))
+    corners = np.argsort(row, kind="stable")
+    sums = csr_matrix((np.ones(count), corners, ends), shape=(len(found), count))
+    return nodes[first], sums
+
+
+def pairs_of_equals(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The places i and j of all pairs of equal numbers, each with itself, too."""
+    order = np.argsort(numbers, kind="stable")
+    _, first, group, count = np.unique(
+        numbers[order], return_index=True, return_inverse=True, return_counts=True
+    )
+    several = count[group]
+    i = np.repeat(order, several)
+    before = np.cumsum(several) - several
+    j = (
+        np.arange(len(i))
+        - np.repeat(before, several)
+        + np.repeat(first[group], several)
+    )
+    return i, order[j]
 
 
 def contact_rows(problem: Problem, supports: Supports) -> ContactRows:

@@ -321,6 +321,8 @@ def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
         return [np.arange(mesh.nv)]
     part = connected(mesh.ne, a, b)
     nodes = element_nodes(mesh)[:, : 2**mesh.dim]
+    if not part.any():
+        return [np.unique(nodes[nodes >= 0])]
     element, corner = np.nonzero(nodes >= 0)
     has = csr_matrix((np.ones(len(element)), (part[element], nodes[element, corner])))
     return np.split(has.indices, has.indptr[1:-1])

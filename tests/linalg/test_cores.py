@@ -19,13 +19,13 @@ from ngepc.linalg import cores, cycle
 from ngepc.studies.large import pressed
 
 
-def plane(nodes=3201):
+def plane(nodes=833):
     return lshape_problem(lshape.paper_mesh(nodes)), NewtonOptions()
 
 
 def solid():
     pytest.importorskip("pyamg")
-    mesh = block.structured_mesh(4, 4, 4, simplices=True)
+    mesh = block.structured_mesh(3, 3, 3, simplices=True)
     return pressed(mesh, 100.0, order=2), NewtonOptions(inverse=PyAMG())
 
 

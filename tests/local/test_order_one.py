@@ -25,9 +25,9 @@ def solves(history):
     return sum(history.column("back_substitutions"))
 
 
-@pytest.mark.parametrize("law", ["Hill", "plane stress"])
-def test_fewer_steps_to_the_same_solution(law):
-    problem = problem_with(law, 833, 1e-3)
+@pytest.mark.parametrize(("law", "nodes"), [("Hill", 417), ("plane stress", 833)])
+def test_fewer_steps_to_the_same_solution(law, nodes):
+    problem = problem_with(law, nodes, 1e-3)
     cold = semismooth_newton(problem, start=at_rest(problem)).raise_for_status()
     result = semismooth_newton(problem).raise_for_status()
     assert cold.order_one is None
