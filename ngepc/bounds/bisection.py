@@ -47,6 +47,13 @@ class Bisection:
         x = self.points[self.nodes[chosen]]
         return np.abs(determinants(x[:, 1:] - x[:, :1])) / 2
 
+    def slenderness(self) -> np.ndarray:
+        """The longest side of each triangle over its height, 1.15 for a regular one."""
+        x = self.points[self.nodes]
+        sides = x - np.roll(x, 1, axis=1)
+        squares = np.einsum("tkc,tkc->tk", sides, sides)
+        return squares.max(axis=1) / (2 * self.sizes())
+
     def cut(self, chosen: np.ndarray) -> None:
         """Cut all sides of the chosen triangles (numbers), and neighbours to conform."""
         halves = self._halved(chosen)

@@ -1,8 +1,9 @@
 """A result on a copy of its mesh that is bisected where the error concentrates.
 
 On uniform meshes most of an error bound comes from a few elements at singular corners, because the
-stress that the bound is computed with has the size of the elements.  The displacement of the result
-is a function on the copy, too, so that a stress on the copy bounds the same error.
+stress that the bound is computed with has the size of the elements; or from needles, along which it
+is too coarse.  The displacement of the result is a function on the copy, too, so that a stress on
+the copy bounds the same error.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ times the mean of all."""
 MOST_PASSES = 8
 WITHOUT_HISTORY = BOUNDED - HISTORY_FEATURES
 LARGEST = 40_000
-"""The most tetrahedra of a copy, for the matrices of which 150 MB are needed."""
+"""The most elements of a copy that is cut throughout: matrices of tetrahedra need 150 MB then."""
+SLENDER = 12.0
+"""Longest side over height of triangles that count as needles."""
 
 
 def state_on_copy(result: ExactResult) -> tuple[State, np.ndarray] | None:
@@ -165,16 +168,20 @@ def bisected_where_outstanding(
 ) -> tuple[Mesh, np.ndarray] | None:
     """A copy of a mesh without outstanding indicators, and the parents; None if there are none.
 
-    The indicators of children are taken to be proportional to their areas.
+    The indicators of children are taken to be proportional to their areas.  Needles are cut, too.
     """
     limit = max(SHARE, TIMES / mesh.ne) * indicators.sum()
     outstanding = indicators > limit
-    if not outstanding.any():
-        return None
     finer = Bisection(mesh)
+    small = 4 * mesh.ne <= LARGEST
+    needles = np.flatnonzero(small & (finer.slenderness() > SLENDER))
+    if not outstanding.any() and not len(needles):
+        return None
     there = np.flatnonzero(outstanding)
     density = np.zeros(len(indicators))
     density[there] = indicators[there] / finer.sizes(there)
+    if len(needles):
+        finer.cut(needles)
     for _ in range(MOST_PASSES):
         there = np.flatnonzero(outstanding[finer.parents])
         expected = density[finer.parents[there]] * finer.sizes(there)
