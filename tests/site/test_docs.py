@@ -402,7 +402,10 @@ def test_formulas_fit_the_text(site, page):
 
 
 @pytest.mark.skipif(chromium() is None, reason="needs Chromium")
-@pytest.mark.parametrize("page", ["results/intervals", "results/table3"])
+@pytest.mark.parametrize(
+    "page",
+    ["results/duality", "results/intervals", "results/mutants", "results/table3"],
+)
 def test_tables_use_the_width_of_a_page_without_contents(site, page):
     cut = (
         "[...document.querySelectorAll('article table')]"
