@@ -285,8 +285,8 @@ def row_coefficients(
     rows = []
     columns = []
     values = []
-    for number, shape in enumerate(SHAPES):
-        table = facet_nodes(shape, 2).coefficients
+    for number in np.unique(records["shape"]).tolist():
+        table = facet_nodes(SHAPES[number], 2).coefficients
         for local, entries in enumerate(table):
             chosen = (records["shape"] == number) & (records["local"] == local)
             mine = np.flatnonzero(chosen[first])

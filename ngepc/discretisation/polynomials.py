@@ -99,17 +99,18 @@ def degree_of(value: CoefficientFunction) -> float:
     if not text.startswith(BEGIN):
         # NGSolve prints zeros, multiples and functions differently where they are the whole
         text = str(CF((value, as_constant(1.0))))
-    if not _all_known(text):
+    lines = list(_lines(text))
+    if not _all_known(lines):
         return math.inf
     try:
-        return _degree(list(_lines(text)), 0, order)[0]
+        return _degree(lines, 0, order)[0]
     except NoPolynomialError:
         return math.inf
 
 
-def _all_known(text: str) -> bool:
+def _all_known(lines: list[tuple[int, str]]) -> bool:
     """Whether the degree of each kind of part is known; a part is printed wherever it is used."""
-    names = {name for _, name in _lines(text)}
+    names = {name for _, name in lines}
     return all(KNOWN.fullmatch(_plain(name)) for name in names)
 
 

@@ -20,7 +20,6 @@ from functools import cached_property
 import numpy as np
 from ngsolve import FESpace
 from scipy.sparse import csr_matrix, diags, vstack
-from scipy.sparse.csgraph import connected_components
 
 from ngepc.discretisation.gap_records import (
     JUMP,
@@ -31,6 +30,7 @@ from ngepc.discretisation.gap_records import (
 )
 from ngepc.discretisation.supports import Supports
 from ngepc.model.problem import Problem
+from ngepc.model.support import connected
 
 SAME_FACE = 0.7
 """Cosine above which facets of one boundary at a vertex belong to one face."""
@@ -212,9 +212,7 @@ def meeting_faces(
     least_cosine = np.where(names[i] == names[j], SAME_FACE, SAME_FACE_ACROSS)
     products = np.einsum("pc,pc->p", normals[i], normals[j])
     alike = products > least_cosine * size[i] * size[j]
-    pairs = i[alike], j[alike]
-    graph = csr_matrix((np.ones(len(pairs[0])), pairs), shape=(count, count))
-    face = connected_components(graph)[1]
+    face = connected(count, i[alike], j[alike])
 
     found, first, row = np.unique(
         nodes * count + face, return_index=True, return_inverse=True

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 from ngsolve import Mesh
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ngepc.checks.sentences import counted, in_words
@@ -330,7 +330,9 @@ def part_vertices(mesh: Mesh, a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
 
 def connected(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """For each of ``count`` items the number of the group that the pairs (a, b) connect it to."""
-    pairs = coo_matrix((np.ones(len(a)), (a, b)), shape=(count, count))
+    ends = np.append(0, np.cumsum(np.bincount(a, minlength=count)))
+    others = b[np.argsort(a, kind="stable")]
+    pairs = csr_matrix((np.ones(len(a)), others, ends), shape=(count, count))
     return connected_components(pairs, directed=False)[1]
 
 
