@@ -67,9 +67,9 @@ def refined_mesh(
 ) -> tuple[Mesh, np.ndarray]:
     """The mesh bisected until this part of the indicators should remain, and the parents.
 
-    It matches where two bodies meet.  If the bound is infinite, all elements count alike.
+    It matches where two bodies meet.  If the bound is infinite or zero, all elements count alike.
     """
-    finite = np.isfinite(per_cell).all()
-    indicators = np.maximum(per_cell, 0.0) if finite else np.ones(len(per_cell))
+    some_stand_out = np.isfinite(per_cell).all() and per_cell.max() > 0
+    indicators = np.maximum(per_cell, 0.0) if some_stand_out else np.ones(len(per_cell))
     finer = bisected_to(problem.mesh, indicators, marking, part)
     return with_matching(problem, finer)

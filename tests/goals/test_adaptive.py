@@ -375,11 +375,16 @@ def test_one_interval_around_zero_does_not_end_a_run():
     assert "The work is about 0" in adaptive.about_zero(wide, wide)
 
 
-def test_infinite_indicators_divide_all_elements():
-    """A law that saturates below a stress: meshes become finer everywhere, not one element."""
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("others", "one"), [(1.0, math.inf), (0.0, 0.0), (0.0, -1e-9)])
+def test_indicators_that_say_nothing_divide_all_elements(others, one):
+    """A law that saturates below a stress: meshes become finer everywhere, not one element.
+
+    And goals that are zero up to rounding.
+    """
     problem = lshape_problem(lshape.paper_mesh(33))
-    per_cell = np.ones(problem.mesh.ne)
-    per_cell[3] = math.inf
+    per_cell = np.full(problem.mesh.ne, others)
+    per_cell[3] = one
     finer, parents = refined_mesh(problem, per_cell, 0.45, 0.25)
     assert len(parents) == finer.ne
     assert np.bincount(parents).mean() > 1.9

@@ -13,19 +13,23 @@ from netgen.meshing import Mesh as NetgenMesh
 from ngsolve import CF, Mesh, x, y
 
 from ngepc import (
+    Coulomb,
     Coupled,
     DisplacementAt,
     Material,
     NewtonOptions,
+    Norton,
     Problem,
     Status,
     Units,
     error_bound,
+    evolve,
     goal_bound,
     gradient,
+    limit_load,
     semismooth_newton,
 )
-from ngepc.geometries import lshape
+from ngepc.geometries import block, lshape
 from ngepc.primal.solver import primal_newton
 
 STRESS, LENGTH = 2e8, 0.25
@@ -177,6 +181,54 @@ def test_a_displacement_at_a_point_of_a_small_body():
             (slope / length, *np.divide(goal_bound(result, at).interval, length))
         )
     assert found[0] == pytest.approx(found[1], rel=1e-9)
+
+
+def numbers_in(length, stress, time):
+    """Steps, and numbers without unit, of problems in units of length, stress and time.
+
+    Coulomb's friction, springs with an interval, a history with a law of the rate, a limit load.
+    """
+    mesh = moved_by(length * np.eye(2), block.structured_mesh(3, 3, simplices=True))
+    steel = Material.kinematic(
+        lame_lambda=1e3 * stress,
+        lame_mu=1e3 * stress,
+        yield_stress=1.25 * stress,
+        hardening=1e2 * stress,
+    )
+    pulled = {"right": (2.0 * stress, 1.5 * stress)}
+    plain = Problem(mesh, steel, traction=pulled, order=1)
+    touching = {"contact": "contact", "gap": -1e-3 * length}
+    rubbing = semismooth_newton(
+        dataclasses.replace(plain, **touching, friction=Coulomb(0.3))
+    )
+    springs = {"contact": 200.0 * stress / length}
+    sprung = semismooth_newton(dataclasses.replace(plain, springs=springs))
+    work = goal_bound(sprung, "work")
+    rate = Norton(stress * time ** (1 / 3), 3.0)
+    viscous = dataclasses.replace(plain, material=dataclasses.replace(steel, rate=rate))
+    history = evolve(viscous, [(0.5 * time, {}), (time, {"traction": None})])
+    limit = limit_load(plain, 0.1, max_cells=60)
+    force = stress * length
+    energy = force * length
+    steps = rubbing.iterations, sprung.iterations, *history.column("iterations")
+    return steps, [
+        rubbing.contact_force / force,
+        *rubbing.state.u[:, 0] / length,
+        work.lower / energy,
+        work.upper / energy,
+        *np.divide(history.column("primal_energy"), energy),
+        limit.lower,
+        limit.upper,
+    ]
+
+
+@pytest.mark.parametrize("large", [1.0, -1.0])
+def test_units_change_no_digit(large):
+    """Powers of two of 10^7 and 10^14: no operation rounds otherwise."""
+    steps, numbers = numbers_in(1.0, 1.0, 1.0)
+    found = numbers_in(*2.0 ** (large * np.array([24, -48, 24])))
+    assert found[0] == steps
+    assert found[1] == pytest.approx(numbers, rel=1e-11, abs=1e-14)
 
 
 def renumbered(mesh, seed):

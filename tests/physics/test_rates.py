@@ -229,6 +229,30 @@ class Saturating(RateLaw):
         return self.slowest * np.sinh(overstress / self.overstress)
 
 
+class Falling(Saturating):
+    """Its overstress falls beyond the rate x_0."""
+
+    def stress(self, x):
+        y = x / self.slowest
+        return self.overstress * y / (1 + y * y)
+
+
+class Exponential(Saturating):
+    """Its overstress is beyond all numbers from 710 x_0 on."""
+
+    def stress(self, x):
+        return self.overstress * np.expm1(x / self.slowest)
+
+
+@pytest.mark.parametrize("time", [1e-12, 1.0, 1e15])
+def test_laws_are_checked_in_every_unit_of_time(time):
+    """A law that falls beyond the rate 1e9 was accepted, an exponential one of 1e3 refused."""
+    pressed(Saturating(30.0, 1e-3 / time), duration=0.1 * time)
+    pressed(Exponential(30.0, 1.0 / time), duration=0.1 * time)
+    with pytest.raises(ValueError, match="values that never fall are needed"):
+        pressed(Falling(30.0, 1.0 / time), duration=0.1 * time)
+
+
 def test_a_law_of_ones_own():
     problem = pressed(Saturating(30.0, 1e-3), duration=0.1)
     result = semismooth_newton(problem).raise_for_status()
