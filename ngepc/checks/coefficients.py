@@ -42,12 +42,12 @@ def children(node: object) -> list[object]:
     return [part for part in parts if part is not None]
 
 
-def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
-    """The innermost operands, each once, of those that mention a ``kind``.
+def leaves_of(value: object, *kinds: str) -> Iterator[CoefficientFunction]:
+    """The innermost operands, each once, of those that mention one of some ``kinds``.
 
     The text of a coefficient names its operands and is much cheaper than the operands.
     """
-    if not isinstance(value, CoefficientFunction) or not mentions(value, kind):
+    if not isinstance(value, CoefficientFunction) or not mentions(value, *kinds):
         return
     waiting = [value]
     met = {}
@@ -57,15 +57,15 @@ def leaves_of(value: object, kind: str) -> Iterator[CoefficientFunction]:
             continue
         met[id(node)] = node  # kept, so that no other one gets its id
         parts = children(node)
-        waiting += [part for part in parts if mentions(part, kind)]
+        waiting += [part for part in parts if mentions(part, *kinds)]
         if not parts:
             yield node
 
 
-def mentions(node: CoefficientFunction, kind: str) -> bool:
-    """Whether the text of a coefficient names operands of a ``kind``, or leaves some out."""
+def mentions(node: CoefficientFunction, *kinds: str) -> bool:
+    """Whether the text of a coefficient names operands of some ``kinds``, or leaves some out."""
     text = str(node).lower()
-    return kind in text or SILENT in text
+    return any(kind in text for kind in (*kinds, SILENT))
 
 
 def hides(leaf: CoefficientFunction, kind: str) -> bool:
@@ -108,14 +108,19 @@ def with_numbers(name: str, value: CoefficientFunction) -> CoefficientFunction:
     ValueError if one is in a part that cannot be rebuilt.
     """
     leaves = list(leaves_of(value, PARAMETER))
+    require_no_hidden_parameter(name, leaves)
+    if not any(isinstance(leaf, Parameter) for leaf in leaves):
+        return value
+    return rebuilt(value, _as_number)
+
+
+def require_no_hidden_parameter(name: str, leaves: list[CoefficientFunction]) -> None:
+    """A ValueError if one of the innermost operands hides a ``Parameter``."""
     if any(hides(leaf, PARAMETER) for leaf in leaves):
         raise ValueError(
             f"{name} has a Parameter inside a part that cannot be rebuilt, for example a "
             "CacheCF: a number or a coefficient without such a part is needed"
         )
-    if not any(isinstance(leaf, Parameter) for leaf in leaves):
-        return value
-    return rebuilt(value, _as_number)
 
 
 def _as_number(leaf: CoefficientFunction) -> CoefficientFunction:
@@ -124,15 +129,16 @@ def _as_number(leaf: CoefficientFunction) -> CoefficientFunction:
 
 def with_own_functions(name: str, value: CoefficientFunction) -> CoefficientFunction:
     """``with_numbers`` and with copies of its GridFunctions."""
-    value = with_numbers(name, value)
-    if not any(isinstance(leaf, GridFunction) for leaf in leaves_of(value, FUNCTION)):
+    leaves = list(leaves_of(value, PARAMETER, FUNCTION))
+    require_no_hidden_parameter(name, leaves)
+    if not any(isinstance(leaf, LEAVES) for leaf in leaves):
         return value
-    return rebuilt(value, _as_copy)
+    return rebuilt(value, _as_own)
 
 
-def _as_copy(leaf: CoefficientFunction) -> CoefficientFunction:
+def _as_own(leaf: CoefficientFunction) -> CoefficientFunction:
     if not isinstance(leaf, GridFunction):
-        return leaf
+        return _as_number(leaf)
     own = GridFunction(leaf.space, name=leaf.name)
     own.vec.data = leaf.vec
     return own

@@ -85,11 +85,11 @@ def _values_in(
     coefficient: CoefficientFunction, *, functions: bool
 ) -> Iterator[object]:
     """Numbers of the parameters of a coefficient, and checksums of its functions."""
-    for leaf in leaves_of(coefficient, PARAMETER):
+    kinds = (PARAMETER, FUNCTION) if functions else (PARAMETER,)
+    for leaf in leaves_of(coefficient, *kinds):
         if isinstance(leaf, Parameter):
             yield leaf.Get()
-    for leaf in leaves_of(coefficient, FUNCTION) if functions else ():
-        if isinstance(leaf, GridFunction):
+        elif functions and isinstance(leaf, GridFunction):
             yield hash(leaf.vec.FV().NumPy().tobytes())
 
 
