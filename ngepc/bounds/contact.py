@@ -273,10 +273,14 @@ class ContactFacets:
         P = self._means(forces)
         if self.problem.order == 1 or not P.any():
             return P
+        # the tolerance of SciPy is absolute
+        length = self.measure.max()
+        size = P.max()
+        matrix, right = self._fit(forces, P)
         positive = scipy.optimize.lsq_linear(
-            *self._fit(forces, P), (0.0, np.inf), method="bvls"
+            matrix / length, right / (length * size), (0.0, np.inf), method="bvls"
         )
-        return positive.x.reshape(P.shape)
+        return size * positive.x.reshape(P.shape)
 
     def stresses(self, forces: np.ndarray) -> np.ndarray:
         """The same for forces of any sign."""

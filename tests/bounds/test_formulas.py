@@ -32,6 +32,7 @@ from ngepc.goals.adjoint import AdjointProblem
 from ngepc.goals.adjoint_conditions import AdjointConditions
 from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.receipt_file import packed, proved_intervals
+from ngepc.local.system import DiscreteProblem
 
 MATERIAL = Material.kinematic(
     lame_lambda=1.5e3, lame_mu=1e3, yield_stress=5.0, hardening=1e2
@@ -176,6 +177,22 @@ def test_stresses_are_balanced_in_all_units(size):
     forces = discrete.points.forces(stress[:, 0], stress[:, 1:])
     missing = np.where(discrete.free, discrete.load - forces, 0.0)
     assert np.abs(missing).max() <= 2 * BALANCED * np.abs(discrete.load).max()
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e12])
+def test_pressures_are_fitted_in_all_units(size):
+    """The absolute tolerance of SciPy ended the search at pressures that were wrong by a half."""
+    metal = Material.kinematic(
+        lame_lambda=1e3, lame_mu=1e3, yield_stress=1.0, hardening=1.0
+    )
+    mesh = block.structured_mesh(8, 8, simplices=True)
+    problem = Problem(mesh, metal, contact="contact", gap=1.0, order=2)
+    discrete = DiscreteProblem(problem)
+    contact = bound_data_of(discrete).contact
+    forces = np.random.default_rng(4).normal(size=len(discrete.rows))
+    pressure = contact.pressure(forces)
+    found = contact.pressure(size * forces) / size
+    assert found == pytest.approx(pressure, rel=1e-9, abs=1e-9 * pressure.max())
 
 
 def test_loads_of_strips_are_carried():
