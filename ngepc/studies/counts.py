@@ -62,8 +62,8 @@ class CountTable(OverMeshes):
     across = ("{nodes} nodes", "{iterations}{in_paper}{ending}")
     note = (
         "Newton steps for {study.example}, ours (the paper's in parentheses). {study.about} "
-        "Without gamma: 'default' is the exact method and 'primal' the second solver, from zero; with * "
-        "they start from the solution on the next coarser mesh. "
+        "Without gamma: 'default' is the exact method and 'primal' the second solver, from zero; "
+        "with * they start from the solution on the next coarser mesh. "
         "Tolerance 1e-10, 400 quadrature points per triangle for the paper's rows."
     )
 
