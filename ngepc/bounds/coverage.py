@@ -50,6 +50,10 @@ OF_REVOLUTION = (
 HELD = frozenset({"two bodies", "held by contact"})
 """Features that bounds cover in the plane without friction."""
 
+ESTIMATE = "; error_indicators(result) estimates, without a guarantee"
+CUT = "; solve_to cuts elements into simplices first"
+"""What is advised where a bound is refused."""
+
 ON_PARALLELOGRAMS = {
     "plane stress": "a bound in plane stress",
     "anisotropic yield": "a bound with Hill's criterion",
@@ -223,10 +227,7 @@ def check_data_inside(problem: Problem) -> None:
 
 def check_each_feature(problem: Problem) -> None:
     """Refuse features that no bound covers."""
-    advice = "; error_indicators(result) estimates, without a guarantee"
-    if has_straight_simplices(problem.mesh):
-        advice = ""
-    require_covered(problem, "a bound", COVERS, advice)
+    require_covered(problem, "a bound", COVERS, ESTIMATE)
 
 
 def check_features(problem: Problem) -> None:
@@ -235,11 +236,11 @@ def check_features(problem: Problem) -> None:
     if problem.kinematics.hoop:
         require_covered(problem, "a bound of a body of revolution", OF_REVOLUTION)
     if problem.N == 3:
-        require_covered(problem, "a bound in three dimensions", COVERS - HELD)
+        require_covered(problem, "a bound in three dimensions", COVERS - HELD, ESTIMATE)
     if problem.friction is not None:
-        require_covered(problem, "a bound with friction", COVERS - HELD)
+        require_covered(problem, "a bound with friction", COVERS - HELD, ESTIMATE)
     if FEATURES["quadrilaterals"].found(problem):
-        require_covered(problem, "a bound on quadrilaterals", COVERS - HELD)
+        require_covered(problem, "a bound on quadrilaterals", COVERS - HELD, CUT)
     if FEATURES["hexahedra"].found(problem):
         check_hexahedra(problem.mesh)
         if problem.order == 2:
@@ -250,8 +251,7 @@ def check_features(problem: Problem) -> None:
         if FEATURES[feature].found(problem) and not is_bilinear(problem):
             covers = COVERS - {"quadrilaterals", "hexahedra"}
             advice = ", or parallelograms and order=1" if problem.N == 2 else ""
-            advice += "; solve_to cuts elements into simplices first"
-            require_covered(problem, what, covers, advice)
+            require_covered(problem, what, covers, advice + CUT)
 
 
 def is_bilinear(problem: Problem) -> bool:

@@ -342,7 +342,10 @@ REFUSED = {
         lambda: pressed(pair=Contact("above", "below", tied=True)),
         "bodies that are not tied",
     ),
-    "friction": (lambda: pressed(friction=0.1), "friction needs rigid obstacles only"),
+    "friction": (
+        lambda: pressed(friction=0.1),
+        r"friction needs rigid obstacles only, not two bodies; error_indicators\(result\)",
+    ),
     "Coulomb": (lambda: pressed(friction=Coulomb(0.3)), "a given bound F"),
 }
 
@@ -353,3 +356,15 @@ def test_what_bounds_do_not_cover_is_refused(name):
     problem = made()
     with pytest.raises(ValueError, match=message):
         solve_to(problem)
+
+
+def test_quadrilaterals_of_two_bodies_are_refused_with_the_remedy():
+    """Which is ``solve_to``: it cuts them."""
+    lower = named(Rectangle(2, 1).Face(), 0.5, "bottom", "below")
+    upper = named(MoveTo(0.5, 1).Rectangle(1, 1).Face(), 0.5, "above", "top")
+    bodies = OCCGeometry(Compound([lower, upper]), dim=2)
+    problem = pressed(mesh=Mesh(bodies.GenerateMesh(maxh=1, quad_dominated=True)))
+    assert "quadrilaterals" in problem.features
+    with pytest.raises(ValueError, match="not two bodies; solve_to cuts elements"):
+        error_bound(semismooth_newton(problem))
+    assert solve_to(problem, relative_error=0.9).bound.guaranteed
