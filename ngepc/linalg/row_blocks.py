@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import bsr_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 
 
 def of_rows(blocks: np.ndarray, A: np.ndarray) -> np.ndarray:
@@ -17,18 +17,21 @@ def of_rows(blocks: np.ndarray, A: np.ndarray) -> np.ndarray:
 
 def add_to_rows(A: np.ndarray, blocks: np.ndarray) -> None:
     """Add ``matrix_of_rows`` to a dense matrix."""
-    m, size = blocks.shape[:2]
-    tangents = np.arange(m, m * size).reshape(m, size - 1)
-    places = np.concatenate([np.arange(m)[:, None], tangents], axis=1)
+    places = force_places(blocks)
     A[places[:, :, None], places[:, None, :]] += blocks
 
 
 def matrix_of_rows(blocks: np.ndarray) -> csr_matrix:
     """The matrix (n, n) with these blocks of the forces of each row, (m, 1 + d, 1 + d)."""
+    places = force_places(blocks)
+    given = blocks != 0
+    rows = np.broadcast_to(places[:, :, None], blocks.shape)[given]
+    columns = np.broadcast_to(places[:, None, :], blocks.shape)[given]
+    return csr_matrix((blocks[given], (rows, columns)), shape=(places.size,) * 2)
+
+
+def force_places(blocks: np.ndarray) -> np.ndarray:
+    """Where the forces of each row stand among all, (m, 1 + d)."""
     m, size = blocks.shape[:2]
-    places = np.arange(m * size).reshape(m, size)
-    order = np.append(places[:, 0], places[:, 1:])
-    parts = blocks, np.arange(m), np.arange(m + 1)
-    found = bsr_matrix(parts, shape=(m * size,) * 2).tocsr()[order][:, order]
-    found.eliminate_zeros()
-    return found
+    tangents = np.arange(m, m * size).reshape(m, size - 1)
+    return np.concatenate([np.arange(m)[:, None], tangents], axis=1)

@@ -65,9 +65,8 @@ class LinearContact:
         self.closed = (y[:m] > 0) | tied if closed is None else closed
         self.with_friction = law.with_friction(self.closed)
         self.slips = self.with_friction & (slipping if slips is None else slips)
-        self.rows = self.conditions.matrix @ diags(
-            state.discrete.free.ravel().astype(float)
-        )
+        self.rows = self.conditions.matrix.copy()
+        self.rows.data *= state.discrete.free.ravel()[self.rows.indices]
         self.rows.eliminate_zeros()
         movable = law.split(np.sqrt(self.rows.power(2).sum(axis=1)).A1 > HELD)
         self.blocks = (
