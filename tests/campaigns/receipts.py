@@ -327,16 +327,18 @@ class Judge:
             cells = np.arange(len(self.volume))
         else:
             found = self.before.densities.copy()
-            cells = np.flatnonzero(self._changed(self.before.a))
+            cells = np.flatnonzero(self._changed())
         for first in range(0, len(cells), AT_ONCE):
             some = cells[first : first + AT_ONCE]
             found[:, some] = self._part(some)._means()
         self.densities = found
         return found
 
-    def _changed(self, other):
-        """The cells in which something differs from the arrays ``other``, (K,)."""
+    def _changed(self):
+        """The cells in which something differs from ``before``, (K,); the factor is in all."""
+        other = self.before.a
         different = (self.a["cells"] != other["cells"]).any(axis=1)
+        different |= self.header["factor"] != self.before.header["factor"]
         for name in OF_NODES:
             moved = (self.a[name] != other[name]).any(axis=1)
             different |= moved[self.a["cells"]].any(axis=1)

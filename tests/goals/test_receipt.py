@@ -267,6 +267,32 @@ def test_the_judge_has_the_interval_of_a_goal_by_other_means(order, tmp_path):
 
 
 @pytest.mark.parametrize("order", [1, 2])
+def test_the_judge_sees_what_changed(order, tmp_path):
+    """A number of an array, or the factor, where the adjoint is zero: as with no judge before."""
+    path = tmp_path / "receipt.npz"
+    found = goal_bound(semismooth_newton(CASES["pressed"](order)), "contact_force")
+    write_receipt(found, path)
+    arrays, header = opened(path)
+    for name in ("u", "stress"):
+        arrays[name][1] = 0.0
+    before = Judge(arrays, header)
+    before._densities()
+    cells = arrays["cells"].copy()
+    cells[:2, -1] = cells[1::-1, -1]
+    factor = {"factor": 2 * header["factor"]}
+    cases = [(arrays, header | factor), (arrays | {"cells": cells}, header)]
+    for name in ("points", "u", "stress", "law"):
+        for row in np.ndindex(arrays[name].shape[:-1]):
+            values = arrays[name].copy()
+            values[row][-1] += 0.01 * np.abs(values).max()
+            cases.append((arrays | {name: values}, header))
+    for other, claims in cases:
+        again = Judge(other, claims, before)._densities()
+        fresh = Judge(other, claims)._densities()
+        assert np.abs(again - fresh).max() < 1e-12 * np.abs(fresh).max()
+
+
+@pytest.mark.parametrize("order", [1, 2])
 def test_bounds_of_the_checker_approach_the_integrals(order, tmp_path, monkeypatch):
     """Two bisections of all cells halve their edges; the next two gain less than half as much."""
     path = tmp_path / "receipt.npz"
@@ -561,6 +587,23 @@ def test_means_of_suprema_are_bounded(k, tangent):
         r = g * 10 ** random.uniform(-2, 2, 30)
         bound = with_tangent(x, r, law)
     assert (bound >= best * (1 - 1e-3)).all()
+
+
+@pytest.mark.parametrize("k", [3, 4])
+def test_means_of_suprema_in_one_line_are_bounded(k):
+    """Affine fields that yield by amounts that vary, with tangents beyond all of them."""
+    random = np.random.default_rng(20 + k)
+    law = random_law(random, 60)
+    h, beta = law
+    n = random.normal(size=(3, 60))
+    n /= length(n)
+    g = 10 ** random.uniform(-1, 1, (k, 1, 60))
+    x = fields((beta + h * g) * n, (beta + (1 + h) * g) * n, law)
+    bound = with_tangent(x, g.max(axis=(0, 1)) * random.uniform(1, 2, 60), law)
+    y, v = np.split(at_many(x, 12), 2, axis=1)
+    p = v - h * y
+    best = np.mean([best_of(*pw, law) for pw in zip(p, y - p, strict=True)], axis=0)
+    assert (bound >= best).all()
 
 
 @pytest.mark.parametrize("order", [1, 2])

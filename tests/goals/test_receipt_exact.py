@@ -163,6 +163,12 @@ class Needles(Rectangle):
         self.goal += lost * over / size * (e * e).sum() / 2 * self.area
 
 
+class Squares(Needles):
+    """The same of halves of near squares, whose condition adds no room to what rounding may do."""
+
+    EDGES = np.array([[1, 0], [0, 1]], dtype=object)
+
+
 def fractions(random, shape, largest):
     """Random whole numbers."""
     numbers = random.integers(-largest, largest + 1, shape)
@@ -230,6 +236,16 @@ def test_rounding_of_goals_is_enclosed(seed, end):
     arrays, header = body.file(1.0)
     arrays["stress"][:] = 0
     assert body.is_inside(body.proved(arrays, header))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_of_tangents_is_enclosed(seed):
+    """Any tangent proves the same of strains in one line; the larger, the more it is rounded."""
+    body = Squares(np.random.default_rng(seed), True)
+    arrays, header = body.file(1.0)
+    words = with_hints(packed(arrays), header)
+    check_receipt.arrays_in(words, header)["tangent"][:] = 1e19
+    assert body.is_inside(proved_intervals(words, header))
 
 
 class Held(Rectangle):
