@@ -21,6 +21,19 @@ RESOLVED = 1e-12
 """Strains that are smaller, relative to |u| over the size of elements, are rounding errors; and
 stresses, relative to those that the loads, those on supports included, make in one element."""
 
+NO_BOUND = (
+    "The error bound is infinite: the stress in equilibrium exceeds the largest one that the "
+    "hardening law reaches, at a corner for example. A curve that rises further gives a bound, "
+    "unless the loads are too large for it."
+)
+
+FLOWS = (
+    "The error bound is infinite, most likely on finer meshes, too: the body flows where its law "
+    "does not harden, and a bound needs a stress in equilibrium that nowhere exceeds the largest "
+    "one of the law. Some hardening gives a bound; confidence(result) has an estimate, "
+    "limit_load(problem) the loads that the body carries."
+)
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorBound:
@@ -166,13 +179,18 @@ class ErrorBound:
 
     def __str__(self) -> str:
         if not math.isfinite(self.total):
-            return f"energy error without a finite bound ({self.kind})"
+            return why_infinite(self.state)
         hidden = ROUNDING * self.strain_energy
         total = outward(0.0, max(self.total, hidden), 3)[1]
         part = at_most_percent(self.relative, 3)
         return (
             f"energy error at most {total}, {part} of the strain energy ({self.kind})"
         )
+
+
+def why_infinite(state: State) -> str:
+    """Why the error bound of a state is infinite."""
+    return FLOWS if state.flowing > 0 else NO_BOUND
 
 
 def thickened(bound: ErrorBound, problem: Problem) -> ErrorBound:

@@ -7,11 +7,16 @@ from collections.abc import Sequence
 
 from ngsolve import Mesh
 
-from ngepc.bounds.outcome import ErrorBound, is_free_of_stress
+from ngepc.bounds.outcome import (
+    FLOWS,
+    NO_BOUND,
+    ErrorBound,
+    is_free_of_stress,
+    why_infinite,
+)
 from ngepc.goals.goal_interval import GoalBound
 from ngepc.goals.refinement import BoundedResult, MeshRecord, Refinement
 from ngepc.local.result import ExactResult
-from ngepc.local.system import State
 from ngepc.results.outcome import Status
 
 HOPELESS = 100.0  # an interval this many times wider than its middle lies around zero
@@ -21,19 +26,6 @@ SOLVED = (Status.CONVERGED, Status.BOUNDED, Status.STAGNATED)
 
 MOST_INFINITE = 6
 """Refinement ends after so many successive meshes with an infinite error bound."""
-
-NO_BOUND = (
-    "The error bound is infinite: the stress in equilibrium exceeds the largest one that the "
-    "hardening law reaches, at a corner for example. A curve that rises further gives a bound, "
-    "unless the loads are too large for it."
-)
-
-FLOWS = (
-    "The error bound is infinite, most likely on finer meshes, too: the body flows where its law "
-    "does not harden, and a bound needs a stress in equilibrium that nowhere exceeds the largest "
-    "one of the law. Some hardening gives a bound; confidence(result) has an estimate, "
-    "limit_load(problem) the loads that the body carries."
-)
 
 FREE_OF_STRESS = (
     "The body is free of stress, up to rounding errors: no mesh gives its strain energy to a "
@@ -53,11 +45,6 @@ def too_fine(mesh: Mesh, bound: ErrorBound, options: Refinement) -> str:
     limit = f"The next mesh has {mesh.nv} nodes, max_nodes={options.max_nodes}."
     unknown = "" if math.isfinite(bound.total) else NO_BOUND
     return " ".join(filter(None, (limit, unknown)))
-
-
-def why_infinite(state: State) -> str:
-    """Why the error bound of a state is infinite."""
-    return FLOWS if state.flowing > 0 else NO_BOUND
 
 
 def lost_bound(here: BoundedResult) -> str:

@@ -33,7 +33,7 @@ from ngepc.bounds.counterpart import on_simplices
 from ngepc.bounds.coverage import COVERS as BOUNDED
 from ngepc.bounds.data import BoundData
 from ngepc.bounds.of_state import bound_and_search, bound_data_of
-from ngepc.bounds.outcome import ErrorBound
+from ngepc.bounds.outcome import FLOWS, ErrorBound, why_infinite
 from ngepc.bounds.rollers import in_components, result_by_nodes
 from ngepc.bounds.thickness import is_of_thickness_one, of_thickness_one
 from ngepc.bounds.transfer import on_matching
@@ -41,7 +41,6 @@ from ngepc.checks.kinds import require_instance
 from ngepc.discretisation.factors import Factors
 from ngepc.goals.adjoint import Adjoint, AdjointProblem, Start
 from ngepc.goals.adjoint_conditions import EPS
-from ngepc.goals.ends import FLOWS, why_infinite
 from ngepc.goals.goal_interval import GoalBound, interval_of_elements, thick_goal
 from ngepc.goals.goal_terms import GoalTerms, check_goal, goal_of_result, terms_of
 from ngepc.goals.integrand import BoundPart, Integrand

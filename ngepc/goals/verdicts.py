@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from ngepc.bounds.outcome import why_infinite
 from ngepc.checks.arguments import require_number
 from ngepc.checks.kinds import require_instance
 from ngepc.goals.adaptive import run_to, tolerance_of
 from ngepc.goals.clock import Clock
 from ngepc.goals.confidence import SIDES
-from ngepc.goals.ends import about_zero, why_infinite
+from ngepc.goals.ends import about_zero
 from ngepc.goals.goal_interval import GoalBound
 from ngepc.goals.refinement import BoundedResult, MeshRecord, Refinement
 from ngepc.goals.variants import of_order_two, with_order_two

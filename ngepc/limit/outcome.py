@@ -101,12 +101,19 @@ def width_of(lower: float, upper: float) -> float:
 
 
 class Bracketed:
-    """Width and last mesh of a result with both bounds: a limit load or a shakedown load."""
+    """Width and last mesh of a result with both bounds: a limit load or a shakedown load.
+
+    Its ``repr`` is the summary on one line; printed, its ``message`` stands below.
+    """
 
     problem: Problem
     lower: float
     upper: float
     last: MeshBracket
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self!r}\n{self.message}"
 
     @property
     def relative_width(self) -> float:
@@ -216,7 +223,7 @@ class LimitLoad(Bracketed):
         bracket = ", ".join(outward(self.lower, self.upper))
         meshes = counted(len(self.records), "mesh", "meshes")
         finest = counted(self.records[-1].cells, "element")
-        return f"<LimitLoad: [{bracket}], {self.status.label}, {meshes}, {finest}>"
+        return f"<LimitLoad: load factor in [{bracket}], {self.status.label}, {meshes}, {finest}>"
 
 
 def strongest(problem: Problem) -> float:

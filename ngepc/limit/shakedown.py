@@ -154,7 +154,9 @@ class ShakedownLoad(Bracketed):
     def __repr__(self) -> str:
         bracket = ", ".join(outward(self.lower, self.upper))
         worth = "guaranteed" if self.exact else "estimate"
-        return f"<ShakedownLoad: [{bracket}], {worth}, {self.status.label}>"
+        return (
+            f"<ShakedownLoad: load factor in [{bracket}], {worth}, {self.status.label}>"
+        )
 
 
 def shakedown_load(

@@ -286,8 +286,8 @@ def check_friction(problem: ProblemData) -> None:
     elif not (is_number(value) or isinstance(value, CoefficientFunction)):
         raise TypeError(
             f"{name}={in_words(value)}: a number or a CoefficientFunction is needed, "
-            "Tresca's bound F, "
-            "or Coulomb(mu)"
+            "Tresca's bound F (stress), or Coulomb(mu); mesh.BoundaryCF({boundary: value}) has "
+            "values of its own for each boundary"
         )
     for name, field in given.items():
         require_field(name, field, problem.mesh, problem.touching_names, least=0)

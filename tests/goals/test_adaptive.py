@@ -458,7 +458,7 @@ def test_perfect_plasticity_has_no_bound_where_it_flows():
     problem = corner({"yield_stress": 1.5, "plastic_modulus": 0})
     run = solve_to(problem, 0.1)
     assert len(run.records) == 1
-    assert run.message == ends.FLOWS
+    assert run.message == str(run.bound) == ends.FLOWS
     with pytest.raises(RuntimeError, match=re.escape(ends.FLOWS)):
         goal_bound(run.result, "work")
     found = verdict(problem, MeanDisplacement("right", 1), at_most=1.0)

@@ -104,6 +104,12 @@ def test_vertical_cut(cut):
     assert "Hardening is neglected" in cut.message
 
 
+def test_a_limit_load_is_printed_with_its_message(cut):
+    """What the two numbers are, and that hardening is neglected."""
+    assert repr(cut).startswith("<LimitLoad: load factor in [")
+    assert str(cut) == f"{cut!r}\n{cut.message}"
+
+
 def test_prandtl(punch):
     """2 + pi, through fans that bisection alone does not make."""
     assert punch.lower <= 2 + math.pi <= punch.upper
