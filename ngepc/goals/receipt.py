@@ -111,8 +111,8 @@ def write_receipt(
         For problems without a receipt; the message names the reason: friction, hardening laws,
         plane stress, data that are known from samples only, loads, initial strains and histories
         that vary inside elements, obstacles that are not affine on facets, gaps that are closed
-        where supports move vertices of the contact boundary, bodies in several pieces; and
-        everything that error bounds do not cover.
+        where supports move vertices of the contact boundary, bodies in several pieces, goals of
+        bodies at rest; and everything that error bounds do not cover.
     RuntimeError
         As ``error_bound``.
     """
@@ -135,6 +135,7 @@ def write_receipt(
         bound = bound_of_state(bound_data, state, tangent)
     else:
         bound = goal.bound
+        check_strained(bound)
         bound_data = bound_data_of(bound.state.discrete)
     check_written(bound_data, bound)
     words, header = words_of(bound_data, bound, goal)
@@ -280,6 +281,15 @@ def largest_stress(arrays: dict[str, np.ndarray]) -> float:
     """The largest number among stresses, tractions and pressures of a receipt."""
     loads = "stress", "traction", "pressure"
     return max(np.abs(arrays[name]).max(initial=0.0) for name in loads)
+
+
+def check_strained(bound: ErrorBound) -> None:
+    """Refuse the goal of a body at rest with a ValueError: all numbers would be rounding."""
+    if not bound.strain_energy + bound.total > 0:
+        raise ValueError(
+            "result: nothing strains the body, whose goals are exact, and a file would prove them "
+            "up to rounding only; write_receipt(result of the solver) proves the least energy"
+        )
 
 
 def check_written(bound_data: BoundData, bound: ErrorBound) -> None:

@@ -1017,6 +1017,17 @@ def test_the_checker_is_short():
     assert len(text.splitlines()) <= 300
 
 
+def test_a_body_at_rest_has_a_receipt_of_its_energy_only(tmp_path):
+    path = tmp_path / "receipt.npz"
+    result = semismooth_newton(plate(contact="contact", gap=0.01))
+    with pytest.raises(ValueError, match="nothing strains the body"):
+        write_receipt(goal_bound(result, "contact_force"), path)
+    assert not path.exists()
+    lower, upper = write_receipt(result, path)
+    assert lower <= 0 <= upper
+    assert upper - lower < 1e-40
+
+
 def test_a_receipt_of_an_older_format_says_so(tmp_path):
     path = tmp_path / "receipt.npz"
     np.savez(path, header=json.dumps({"format": "ngepc receipt 9"}))
