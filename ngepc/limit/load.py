@@ -60,6 +60,12 @@ COARSEST = 1e-5
 NOTHING = 1e-6
 """A smaller lower/upper ratio indicates loads that are incompatible at the edges of a solid."""
 
+FOLLOWED = (
+    "; without hardening evolve(problem, load_cycle(problem, [1.0], steps=10)) ends near it, if "
+    "the loads are beyond it"
+)
+"""What is advised where a limit load is refused."""
+
 
 @one_blas_thread
 def limit_load(
@@ -101,7 +107,7 @@ def limit_load(
         If Clarabel, the solver of conic programs, is not installed.
     """
     check_search(problem, relative_width, max_cells, monitor)
-    check_limit_problem(problem, "a limit load")
+    check_limit_problem(problem, "a limit load", FOLLOWED)
     names = growing_names(problem, growing)
     shape = SHAPES[problem.kinematics.name]
     data = limit_data(problem, names)

@@ -37,9 +37,12 @@ CLOSED = 1e-12
 """A gap below this fraction of the extent of the body counts as closed."""
 
 
-def check_limit_problem(problem: Problem, what: str) -> None:
-    """Refuse what limit loads do not cover with a ValueError that names the argument."""
-    require_covered(problem, what, COVERS)
+def check_limit_problem(problem: Problem, what: str, advice: str = "") -> None:
+    """Refuse what limit loads do not cover with a ValueError that names the argument.
+
+    ``advice`` is what to do instead.
+    """
+    require_covered(problem, what, COVERS, advice)
     if problem.initial_displacement is not None:
         raise ValueError(
             f"initial_displacement: {what} does not depend on it; leave it out"

@@ -35,7 +35,9 @@ from ngepc import (
     Problem,
     Status,
     Tabulated,
+    evolve,
     limit_load,
+    load_cycle,
     semismooth_newton,
 )
 from ngepc.geometries import block
@@ -377,6 +379,20 @@ def test_a_thickness_of_one_is_none():
     assert len({(limit.lower, limit.upper) for limit in limits}) == 1
     with pytest.raises(ValueError, match=r"thickness=2\.0: a limit load needs"):
         limit_load(replace(problem, thickness=2.0))
+
+
+def test_a_history_ends_near_a_limit_load_that_is_refused():
+    """As the refusal says; the limit load of thickness one has the same factor."""
+    soft = Material.metal(young=1e3, poisson=0.3, yield_stress=1.0, tangent_modulus=0.0)
+    mesh = block.structured_mesh(4, 4, simplices=True)
+    thin = Problem(mesh, soft, traction={"contact": (2.0, 0)})
+    thick = replace(thin, thickness=2.0)
+    with pytest.raises(ValueError, match=r"evolve\(problem, load_cycle\("):
+        limit_load(thick)
+    known = limit_load(thin, 0.1)
+    history = evolve(thick, load_cycle(thick, [1.0], steps=10))
+    assert history.status in (Status.LIMIT_LOAD, Status.ITERATION_LIMIT)
+    assert 0.95 * known.lower < history.steps[-1].record.time < 1.1 * known.upper
 
 
 def test_constant_loads_for_which_no_stress_is_found():
