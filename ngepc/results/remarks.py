@@ -59,13 +59,14 @@ def remarks_on(result: Any, points: Points | None, hidden: float) -> list[str]:
     """
     still = unstrained(result)
     few = few_facets(result.contact_facets, result.contact_nodes)
+    rubs = result.problem.friction is not None
     found = [
         still or out_of_balance(result),
         without_touch(result),
         without_motion(result),
         deformed_much(result),
         "" if still else few,
-        like_a_coefficient(result.problem, result.largest_pressure),
+        rubs and like_a_coefficient(result.problem, result.largest_pressure),
         shared_in_many_ways(result),
         undetermined(result),
         overlaps_between_nodes(result, hidden),
