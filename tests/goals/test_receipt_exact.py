@@ -248,6 +248,24 @@ def test_rounding_of_tangents_is_enclosed(seed):
     assert body.is_inside(proved_intervals(words, header))
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_rounding_of_back_stresses_is_enclosed(seed):
+    """Nothing moves but plastic strains, from a back stress that is far larger than the stress."""
+    random = np.random.default_rng(seed)
+    body = Squares(random, False)
+    body.strained(np.zeros((2, 2), dtype=object), np.zeros((2, 2), dtype=object))
+    body.law[2:] = 2**20 * body.law[2], 1 + abs(fractions(random, 1, 2**10)[0])
+    mu, h, beta = body.law[1:]
+    size = Fraction(int(random.integers(2**19, 2**20)))
+    over = 5 * size - beta
+    body.energy = -(over**2) / (4 * mu + 2 * h) * body.area
+    arrays, header = body.file(1.0)
+    back = np.array([3.0, 4.0])[:, None] * float(size)
+    arrays["law"][-2:] = back
+    arrays["stress"][0, :, 1:] = back * float(2 * mu * over / (2 * mu + h) / (5 * size))
+    assert body.is_inside(body.proved(arrays, header))
+
+
 class Held(Rectangle):
     """A rectangle that is held on its whole boundary, so that loads do no work."""
 
@@ -336,8 +354,9 @@ def exact_forces(arrays, held):
     return forces
 
 
+@pytest.mark.parametrize("deviators", [1.0, 0.0])
 @pytest.mark.parametrize("seed", range(5))
-def test_rounding_of_forces_is_enclosed(seed):
+def test_rounding_of_forces_is_enclosed(seed, deviators):
     """Stresses that differ by rounding, with tractions and pressures that nearly cancel."""
     random = np.random.default_rng(seed)
     body = Needles(random, False)
@@ -348,6 +367,7 @@ def test_rounding_of_forces_is_enclosed(seed):
     arrays["tangent"] = arrays["tangent"][:0]
     noise = random.integers(-2, 3, arrays["stress"].shape) * 2.0**-52
     arrays["stress"] = random.normal() * arrays["stress"] * (1 + noise)
+    arrays["stress"][:, :, 1:] *= deviators
     arrays["held"] = arrays["held"] * (random.random(arrays["held"].shape) < 0.3)
     r = check_receipt.Body(packed(arrays), energy)
     cell = r.out % r.K
