@@ -45,7 +45,7 @@ MEANS |= {k: (1 + np.eye(k)) / (k * (k + 1)) for k in (1, 2, 3, 4)}
 
 def need(condition: object, message: str) -> None:
     """Refuse the receipt unless all conditions hold."""
-    if not np.all(condition):
+    if condition is not True and not np.all(condition):
         raise ValueError(message)
 
 
@@ -147,7 +147,7 @@ class Body:
         self.wrong = EPS * (self.length * self.steep) ** (N - 1)
         cofactors *= np.sign(det) / (N - 1)
         self.area = np.append(-cofactors, cofactors.sum(axis=1)[:, None], axis=1)
-        self.across = einsum("cxy,yvK->vcxK", matrices, self.area)
+        self.across = einsum("cxy,yvK->xvcK", matrices, self.area)
         ends = np.concatenate(self.cells[self.on_side], axis=1)
         area = self.area.reshape(self.N, -1)
         places = np.arange(self.other.size)
@@ -168,7 +168,7 @@ class Body:
         """Strains, trial stresses and works, and the room at the obstacle."""
         local = self.u.take(self.cells, axis=2)
         change = local - local[:, :, self.N, None]
-        strain = einsum("LxvkK,vcxK->LkcK", change[:, :, self.between], self.across)
+        strain = einsum("LxvkK,xvcK->LkcK", change[:, :, self.between], self.across)
         self.moduli = np.stack([self.bulk] + [2 * self.mu] * (self.stress.shape[2] - 1))
         self.trial = self.moduli * (-self.degree / self.N / self.volume) * strain
         self.trial[0] -= self.law[5 : 5 + len(self.moduli)]
@@ -203,17 +203,17 @@ class Body:
         w = self.volume * w.sum(axis=0) + 2 * self.N * np.abs(self.u).max() * load
         self.rest = 30 * self.L * self.wrong * w
         self.force = np.tile(6 * EPS * load, (self.N, 1))
-        for i, x in np.ndindex(self.L, self.N):
-            T = einsum("kcK,vcK->vkK", self.stress[i], self.across[:, :, x])
-            inside = sum(T[v, k] for v, k in enumerate(self.between)) * self.degree
-            inside = inside / self.N - self.body_force[i, x] * self.volume
-            jump = np.concatenate([T[v, k] for v, k in enumerate(self.on_side)], axis=1)
-            pulled = self.traction[i, x] - self.pressure[i] * self.normal[x]
-            jump[:, self.out] -= pulled * self.outer
-            jump[:, self.out] *= self.held[x] == 0
-            jump += jump.take(self.other, axis=1)
-            jump = np.abs(jump).max(axis=0).reshape(-1, self.K).sum(axis=0)
-            self.force[x] += np.abs(inside).max(axis=0) + jump / 2
+        for i in range(self.L):
+            T = einsum("kcK,xvcK->xvkK", self.stress[i], self.across)
+            inside = sum(T[:, v, k] for v, k in enumerate(self.between)) * self.degree
+            inside = inside / self.N - (self.body_force[i] * self.volume)[:, None]
+            jump = np.dstack([T[:, v, k] for v, k in enumerate(self.on_side)])
+            pulled = self.traction[i] - self.pressure[i] * self.normal[:, None]
+            jump[..., self.out] -= pulled * self.outer
+            jump[..., self.out] *= (self.held == 0)[:, None]
+            jump += jump.take(self.other, axis=2)
+            jump = np.abs(jump).max(axis=1).reshape(self.N, -1, self.K).sum(axis=1)
+            self.force += np.abs(inside).max(axis=1) + jump / 2
 
     def defect(self) -> float:
         """The number b: |R| <= b (2 J(u) - 2 J(v))^(1/2)."""
