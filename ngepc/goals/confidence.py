@@ -110,8 +110,11 @@ def _estimated(result: object, problem: Problem, reason: str) -> str:
             other = made(problem)
             if other is None:
                 continue
-            log.info("no bound; solved for an estimate by %s", name)
-            given = other, None, TOLERANCE, MOST_STEPS, "sparsecholesky", None
+            size = other.mesh.ne, other.order
+            log.info(
+                "solving for an estimate by %s: %d elements of order %d", name, *size
+            )
+            given = other, None, TOLERANCE, MOST_STEPS, None, None
             solved = solve_exactly(*given).or_interrupted()
         except (ValueError, RuntimeError) as error:
             failures.append(str(error))

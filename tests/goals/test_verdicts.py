@@ -28,6 +28,7 @@ from ngepc.geometries import block, ring
 from ngepc.goals.clock import Clock
 from ngepc.goals.refinement import MeshRecord
 from ngepc.goals.verdicts import narrowest, outcome_of
+from ngepc.local.exact import solve_exactly
 from ngepc.studies.examples import example
 
 MATERIAL = Material.kinematic(
@@ -243,6 +244,29 @@ def test_the_steps_of_a_bound_and_of_an_estimate_are_logged(caplog):
         of_bound = sum(text.startswith("stress of an error bound") for text in said)
         found.append((of_bound, any("for an estimate by" in text for text in said)))
     assert found == [(3, False), (0, True)]
+
+
+def test_the_solver_of_an_estimate_suits_the_finer_mesh(monkeypatch):
+    """Factors of a solid with friction that is refined once take several times longer."""
+    pytest.importorskip("pyamg")
+    used = []
+
+    def solve(*given):
+        result = solve_exactly(*given)
+        used.append(result.linear_solver)
+        return result
+
+    monkeypatch.setattr("ngepc.goals.confidence.solve_exactly", solve)
+    cube = block.structured_mesh(3, 3, 3, simplices=True)
+    pulled = Problem(
+        cube,
+        replace(MATERIAL, lame_mu=1e3 + x),
+        traction={"contact": (0, 0, 1.0)},
+        order=2,
+    )
+    result = semismooth_newton(pulled)
+    assert confidence(result).startswith("Estimate by one refinement")
+    assert (result.linear_solver, used) == ("sparsecholesky", ["PyAMG"])
 
 
 def test_the_estimate_of_a_curved_body_is_that_of_the_displacements():
