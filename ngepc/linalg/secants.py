@@ -89,6 +89,11 @@ class Compliance:
         """The same W, which has learned nothing and learns for itself."""
         return self.plus(np.zeros(len(self._matrix)))
 
+    def forget(self) -> None:
+        """Keep the diagonal alone."""
+        self._matrix = np.diag(self.diagonal)
+        self.restart()
+
     def restart(self) -> None:
         """Start with a new tangent K: known products become a guess."""
         self._known = 0
@@ -157,17 +162,17 @@ def solve_by_secants(
     motion may be larger than that: when errors grow again, the nearest forces are returned.  With
     ``response`` there are few small problems: between them minimal residuals go on to a part
     ``left`` of the residual.  ``springs`` (n,) are compliances added to W where rows are dependent;
-    they resist changes of the forces alone.  None if a number became NaN or infinite.
+    they resist changes of the forces alone.  None without a solution, or for NaN or infinity.
     """
     compliance.restart()
     parts = np.zeros(0)
     near = NEAR * np.abs(gaps).max(initial=0.0)
     nearest = Nearest(np.inf, forces, parts)
     for number in range(RESTARTS * (len(gaps) + 3)):
-        W = compliance.with_springs(springs)
-        change, exact = small(W, gaps, forces)
-        predicted = W @ change
-        size = float(np.abs(predicted).max(initial=0.0))
+        found = small_change(small, compliance, gaps, forces, near, springs)
+        if found is None:
+            return None
+        change, exact, predicted, size = found
         if exact and size <= slack * (1 if number else FIRST):
             return np.where(forces + change == 0, 0.0, forces), parts
         answer = product(change)
@@ -191,6 +196,32 @@ def solve_by_secants(
             gaps, forces, parts = more.added_to(gaps, forces, parts)
         if not np.isfinite(gaps).all():
             return None
+    return None
+
+
+def small_change(
+    small: SmallProblem,
+    compliance: Compliance,
+    gaps: np.ndarray,
+    forces: np.ndarray,
+    near: float,
+    springs: np.ndarray | None,
+) -> tuple[np.ndarray, bool, np.ndarray, float] | None:
+    """The change of the forces by the small problem, whether it is solved, and what gaps it opens.
+
+    These are by W, shape (n,); the last number is the size of the largest.
+
+    If it is not solved, and its best change moves gaps by less than ``near``, W would learn nothing
+    from a product: the small problem is tried with the diagonal alone.  None if that fails as well.
+    """
+    for _ in range(2):
+        W = compliance.with_springs(springs)
+        change, exact = small(W, gaps, forces)
+        predicted = W @ change
+        size = float(np.abs(predicted).max(initial=0.0))
+        if exact or size > near:
+            return change, exact, predicted, size
+        compliance.forget()
     return None
 
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.linalg.cores import crew
 from ngepc.local.iterative import Iterative
 from ngepc.local.result import ExactResult
-from ngepc.local.solver import FEW_FORCES, RepeatedSolver, SymbolicForms
+from ngepc.local.solver import (
+    FEW_FORCES,
+    RepeatedSolver,
+    SymbolicForms,
+    first_compliance,
+)
 from ngepc.local.start import starting_state
 from ngepc.local.system import DiscreteProblem, State
 from ngepc.model.problem import Problem
@@ -49,7 +54,11 @@ def solve_exactly(
     solver = RepeatedSolver(options)
     discrete = solver.discretised(problem)
     state = starting_state(discrete, start)
-    compliance = cache(discrete.compliance)
+    guess = discrete.compliance
+    if discrete.contact.friction.d > 1:
+        # friction in space: with a poor guess the small problems of the rows take most of the time
+        guess = partial(first_compliance, discrete)
+    compliance = cache(guess)
     order_one = None
     if start is None and gains_by_order_one(discrete):
         order_one = OrderOne(options)

@@ -138,7 +138,7 @@ class RepeatedSolver:
         """
         discrete = self.discretised(problem)
         state = starting_state(discrete, start)
-        return self.solve_from(state, monitor, partial(self._compliance, discrete))
+        return self.solve_from(state, monitor, partial(first_compliance, discrete))
 
     def discretised(self, problem: Problem) -> DiscreteProblem:
         """The discrete problem, with data of the last one; errors as for a call.
@@ -157,18 +157,6 @@ class RepeatedSolver:
     def _fastest(self, discrete: DiscreteProblem) -> str | Iterative:
         """The linear solver for a body where the options name none."""
         return fastest_solver(discrete)
-
-    def _compliance(self, discrete: DiscreteProblem) -> Compliance:
-        """What the compliance of the contact rows is taken for at first.
-
-        With friction on few rows it is that of the elastic body, which is computed once for a
-        sequence of problems: where most of the body is elastic it halves the solves for the rows.
-        It depends on the problem alone, not on the problems before.
-        """
-        with_friction = discrete.contact.friction.d > 0
-        if with_friction and len(discrete.contact) <= FEW_FORCES:
-            return discrete.elastic_compliance.copy()
-        return discrete.compliance()
 
     def solve_from(
         self,
@@ -249,6 +237,19 @@ class RepeatedSolver:
                 return result
         said = f"{result.ending} {body.loosely_held.sentence}"
         return replace(result, ending=said)
+
+
+def first_compliance(discrete: DiscreteProblem) -> Compliance:
+    """What the compliance of the contact rows is taken for at first.
+
+    With friction on few rows it is that of the elastic body, which is computed once for a
+    sequence of problems: where most of the body is elastic it halves the solves for the rows.
+    It depends on the problem alone, not on the problems before.
+    """
+    with_friction = discrete.contact.friction.d > 0
+    if with_friction and len(discrete.contact) <= FEW_FORCES:
+        return discrete.elastic_compliance.copy()
+    return discrete.compliance()
 
 
 def misled_by_forces(start: State, result: ExactResult) -> bool:

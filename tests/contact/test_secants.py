@@ -201,6 +201,26 @@ def test_springs_of_dependent_rows_leave_nothing(rng):
     assert np.abs(found).max() < 1.0
 
 
+@pytest.mark.parametrize("solvable", [True, False])
+def test_a_small_problem_that_is_not_solved_is_tried_with_the_diagonal(rng, solvable):
+    """Where it leaves the forces as they are nothing is learned, however often it is called."""
+    S = spd(rng, 12, 1e2)
+    gaps = rng.normal(size=12)
+    every = np.arange(12)
+    asked = []
+
+    def small(W, *given):
+        S_or_less = W.block(every)
+        asked.append(np.count_nonzero(S_or_less) == 12)
+        return in_box(W, *given) if solvable and any(asked) else (0 * gaps, False)
+
+    found = solve_by_secants(small, S.dot, Compliance.of(S), gaps, 0 * gaps, 1e-12)
+    assert len(asked) <= 15
+    assert (found is not None) == solvable
+    if solvable:
+        assert np.abs(np.minimum(found[0], gaps + S @ found[0])).max() < 1e-11
+
+
 def test_numbers_that_are_not_finite_are_refused():
     W = Compliance(np.ones(2))
     gaps = np.array([-1.0, -1.0])
