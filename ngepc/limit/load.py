@@ -45,7 +45,7 @@ EXPECTED = 0.7
 """Expected relative decrease of the gap in cells that are cut."""
 
 MAX_CELLS = {2: 10_000, 3: 2_000}
-"""Default of the largest number of cells in the plane and in space, about a minute."""
+"""Default of the largest number of cells in the plane and in space, one to three minutes."""
 
 FINISHED = 1.5
 """Velocities of the last degree are used once the width is this multiple of the tolerance."""
