@@ -173,8 +173,9 @@ def bisected_where_outstanding(
     limit = max(SHARE, TIMES / mesh.ne) * indicators.sum()
     outstanding = indicators > limit
     finer = Bisection(mesh)
-    small = 4 * mesh.ne <= LARGEST
-    needles = np.flatnonzero(small & (finer.slenderness() > SLENDER))
+    needles = np.empty(0, dtype=int)
+    if 4 * mesh.ne <= LARGEST:
+        needles = np.flatnonzero(finer.slenderness() > SLENDER)
     if not outstanding.any() and not len(needles):
         return None
     there = np.flatnonzero(outstanding)
