@@ -138,7 +138,7 @@ class RepeatedSolver:
         """
         discrete = self.discretised(problem)
         state = starting_state(discrete, start)
-        return self.solve_from(state, monitor, partial(first_compliance, discrete))
+        return self.solve_from(state, monitor, partial(self._compliance, discrete))
 
     def discretised(self, problem: Problem) -> DiscreteProblem:
         """The discrete problem, with data of the last one; errors as for a call.
@@ -157,6 +157,10 @@ class RepeatedSolver:
     def _fastest(self, discrete: DiscreteProblem) -> str | Iterative:
         """The linear solver for a body where the options name none."""
         return fastest_solver(discrete)
+
+    def _compliance(self, discrete: DiscreteProblem) -> Compliance:
+        """What the compliance of the contact rows is taken for at first."""
+        return first_compliance(discrete)
 
     def solve_from(
         self,

@@ -216,3 +216,24 @@ def test_a_body_at_rest_has_no_tangent_to_predict_with():
     assert solver.solve(rest).iterations == 0
     assert solver.predict(pushed) is None
     same(solver.solve(pushed), semismooth_newton(pushed))
+
+
+def test_a_slider_keeps_what_solves_without_a_prediction_have_learned():
+    """Other supports allow no prediction; the compliance of the contact rows is still known."""
+    mesh = block.structured_mesh(8, 4, simplices=True)
+    pressed = Problem(mesh, METAL, contact="contact", gap=-2e-3, order=1)
+    guesses = []
+
+    class Watched(WarmSolver):
+        def solve_from(self, state, monitor=None, compliance=None):
+            guesses.append(compliance())
+            return super().solve_from(state, monitor, compliance)
+
+    solver = Watched()
+    for moved in (0.0, 1e-3):
+        problem = pressed.changed(prescribed={"clamped": (moved, 0.0)}, clamped=None)
+        found = solver.solve(problem)
+        assert found.status is Status.CONVERGED
+        force = semismooth_newton(problem).contact_force
+        assert found.contact_force == pytest.approx(force)
+    assert guesses[0] is guesses[1]
