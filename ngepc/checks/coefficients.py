@@ -9,17 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from netgen.meshing import NgException
-from ngsolve import (
-    CF,
-    BoundaryFromVolumeCF,
-    CoefficientFunction,
-    GridFunction,
-    IfPos,
-    InnerProduct,
-    Mesh,
-    Parameter,
-    specialcf,
-)
+from ngsolve import CoefficientFunction, GridFunction, Mesh, Parameter
 
 FUNCTION = "gridfunction"
 PARAMETER = "parameterc"
@@ -36,20 +26,6 @@ ZERO = CoefficientFunction(0.0)
 def as_constant(value: float) -> CoefficientFunction:
     """A number as a coefficient: NGSolve makes a sum twenty times as fast as ``CF(value)``."""
     return ZERO + float(value) if value else ZERO
-
-
-def _outward(N: int) -> CoefficientFunction:
-    """``ngepc.outward_normal`` of all meshes of a dimension."""
-    n = specialcf.normal(N)
-    interior = CF((1 / (N + 1),) * N)
-    v = BoundaryFromVolumeCF(
-        specialcf.JacobianMatrix(N) * (interior - specialcf.xref(N))
-    )
-    return IfPos(InnerProduct(n, v), -1.0, 1.0) * n
-
-
-OUTWARD = {N: _outward(N) for N in (2, 3)}
-"""Dimension -> the outer normal, one object, in which there is no function and no parameter."""
 
 
 def children(node: object) -> list[object]:
@@ -77,7 +53,7 @@ def leaves_of(value: object, *kinds: str) -> Iterator[CoefficientFunction]:
     met = {}
     while waiting:
         node = waiting.pop()
-        if id(node) in met or any(node is normal for normal in OUTWARD.values()):
+        if id(node) in met:
             continue
         met[id(node)] = node  # kept, so that no other one gets its id
         parts = children(node)

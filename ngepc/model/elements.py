@@ -16,10 +16,20 @@ from itertools import combinations
 
 import numpy as np
 from netgen.meshing import Mesh as NetgenMesh
-from ngsolve import ET, CoefficientFunction, HCurl, IntegrationRule, Mesh
+from ngsolve import (
+    CF,
+    ET,
+    BoundaryFromVolumeCF,
+    CoefficientFunction,
+    HCurl,
+    IfPos,
+    InnerProduct,
+    IntegrationRule,
+    Mesh,
+    specialcf,
+)
 
 from ngepc.checks.arguments import ELEMENT_TYPES
-from ngepc.checks.coefficients import OUTWARD
 from ngepc.checks.kinds import require_mesh
 
 SHAPES = {
@@ -205,6 +215,19 @@ def outward_normal(mesh: Mesh) -> CoefficientFunction:
     """
     require_mesh("mesh", mesh)
     return OUTWARD[mesh.dim]
+
+
+def _outward(N: int) -> CoefficientFunction:
+    """``outward_normal`` of all meshes of a dimension."""
+    n = specialcf.normal(N)
+    interior = CF((1 / (N + 1),) * N)
+    v = BoundaryFromVolumeCF(
+        specialcf.JacobianMatrix(N) * (interior - specialcf.xref(N))
+    )
+    return IfPos(InnerProduct(n, v), -1.0, 1.0) * n
+
+
+OUTWARD = {N: _outward(N) for N in (2, 3)}
 
 
 def has_more_corners(mesh: Mesh) -> bool:

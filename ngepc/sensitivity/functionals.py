@@ -315,6 +315,7 @@ def _misfit(
         measure = ngs.ds("|".join(names))
 
     def squared(u: ngs.CoefficientFunction, _p: object, _s: object) -> SumOfIntegrals:
+        """The integral of the squared difference."""
         return ngs.InnerProduct(u - observed, u - observed) * measure
 
     return _of_form(squared, state)
