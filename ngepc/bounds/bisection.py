@@ -18,8 +18,9 @@ from ngsolve import Mesh
 from ngepc.model.elements import (
     cells_of,
     determinants,
-    element_nodes,
+    elements_by_shape,
     elements_in,
+    regions_of,
     vertex_coordinates,
 )
 
@@ -36,7 +37,7 @@ class Bisection:
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         self.points = vertex_coordinates(mesh).copy()
-        self.nodes = element_nodes(mesh)[:, :3].copy()
+        self.nodes = elements_by_shape(mesh)[0][1]
         self.parents = np.arange(len(self.nodes))
         self._whole = np.ones(len(self.nodes), dtype=bool)
         self.ends = np.empty((0, 2), dtype=int)
@@ -127,8 +128,8 @@ class Bisection:
         made.SetGeometry(NetgenGeometry())
         more = self.points[self._count :]
         made.AddPoints(np.column_stack([more, np.zeros(len(more))]))
-        _, regions = cells_of(self.mesh, 2)
-        order = self._enter(made, 2, self.nodes, regions[self.parents])
+        regions = regions_of(self.mesh, 2)[self.parents]
+        order = self._enter(made, 2, self.nodes, regions)
         ends, names = cells_of(self.mesh, 1)
         self._enter(made, 1, *self._segments(ends[:, :2].copy(), names))
         return Mesh(made), self.parents[order]

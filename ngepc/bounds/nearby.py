@@ -44,7 +44,8 @@ def strain_nearby(
     if len(points.blocks) > 1:
         return None
     block = points.blocks[0]
-    cells = cells_around(block, np.abs(missing).max(axis=1) > allowed)
+    loaded = np.any([np.abs(f) > allowed for f in missing.T], axis=0)
+    cells = cells_around(block, loaded)
     if len(cells) > FEW * len(block.nodes):
         return None
     part = block.of(cells)

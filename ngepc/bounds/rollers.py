@@ -19,7 +19,7 @@ from ngepc.discretisation.slanted import SlantedNodes
 from ngepc.discretisation.supports import Supports
 from ngepc.local.result import ExactResult
 from ngepc.local.system import DiscreteProblem, State
-from ngepc.model.elements import cells_of
+from ngepc.model.elements import cells_of, regions_of
 from ngepc.model.places import Place, Roller
 from ngepc.model.problem import Problem
 
@@ -65,7 +65,7 @@ def components_of(problem: Problem, place: Place) -> tuple | None:
 def directions_at(problem: Problem, place: str, roller: Roller) -> np.ndarray:
     """The unit directions of a roller at the centres of its boundary elements, (elements, N)."""
     mesh = problem.mesh
-    region = cells_of(mesh, mesh.dim - 1)[1]
+    region = regions_of(mesh, mesh.dim - 1)
     there = np.array(mesh.GetBoundaries())[region] == place
     if roller.direction is not None:
         d = np.array(roller.direction, dtype=float)

@@ -226,12 +226,11 @@ def carried_state(
     stress = np.zeros((problem.mesh.nv, 1 + problem.N))
     if len(discrete.contact):
         known = tractions_at_vertices(old)
-        corners = before.blocks[0].nodes[parents, :ends]
-        nodes = after.blocks[0].nodes[:, :ends]
-        pressed = known.any(axis=1)[corners].any(axis=1)
-        stress[nodes[pressed]] = known[corners[pressed]]
+        stress[: len(known)] = known
         cells, share = shares
-        stress[nodes[cells]] = np.matmul(share, known[corners[cells]])
+        corners = before.blocks[0].nodes[parents[cells], :ends]
+        nodes = after.blocks[0].nodes[cells, :ends]
+        stress[nodes] = np.matmul(share, known[corners])
     contact = forces_of_rows(discrete, stress)
     return discrete.state(supports.admissible(u), contact=contact)
 

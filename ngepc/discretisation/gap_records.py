@@ -37,7 +37,7 @@ from ngepc.discretisation.facets import (
 from ngepc.discretisation.narrow import clear_of
 from ngepc.discretisation.quadrature import rules_of
 from ngepc.discretisation.sampling import Scan
-from ngepc.model.elements import cells_of
+from ngepc.model.elements import regions_of
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
 
@@ -152,7 +152,7 @@ def _gap_at_nodes(
 def scanned_gap(problem: Problem, name: str) -> Scan:
     """The gap of a boundary on the lattice."""
     mesh = problem.mesh
-    region = cells_of(mesh, mesh.dim - 1)[1]
+    region = regions_of(mesh, mesh.dim - 1)
     there = np.array(mesh.Boundaries(name).Mask(), dtype=bool)[region]
     return Scan(mesh, problem.gaps[name], BND, there)
 

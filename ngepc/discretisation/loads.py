@@ -29,7 +29,7 @@ from ngsolve.comp import DifferentialSymbol, ProxyFunction
 from ngepc.discretisation.lattices import SIMPLICES, with_last_share
 from ngepc.discretisation.polynomials import HIGHEST
 from ngepc.discretisation.sampling import Scan
-from ngepc.model.elements import cells_of, has_more_corners
+from ngepc.model.elements import has_more_corners, regions_of
 from ngepc.model.places import Edge, Place, Point, values_at
 from ngepc.model.problem import Problem
 
@@ -81,7 +81,7 @@ def scanned_loads(problem: Problem) -> dict[Place | None, Scan]:
     for place, g in problem.loads.items():
         if isinstance(place, str):
             mask = np.array(mesh.Boundaries(place).Mask(), dtype=bool)
-            region = cells_of(mesh, mesh.dim - 1)[1]
+            region = regions_of(mesh, mesh.dim - 1)
             found[place] = Scan(mesh, g, BND, mask[region])
     return {place: scan for place, scan in found.items() if len(scan.hidden)}
 

@@ -29,7 +29,6 @@ from ngsolve import (
     y,
     z,
 )
-from scipy.sparse import csr_matrix
 
 from ngepc.discretisation.element_strains import Elements
 from ngepc.linalg.cores import in_order
@@ -108,12 +107,13 @@ class Points:
         self._mapped = mesh.MapToAllElements(self.rules, mesh.Materials(".*"))
         jacobians = specialcf.JacobianMatrix(mesh.dim)(self._mapped)
         jacobians = jacobians.reshape(-1, mesh.dim, mesh.dim)
-        self.weights = np.abs(determinants(jacobians)) * self.at(kinematics.weight)
+        around = self.at(kinematics.weight) if kinematics.hoop else kinematics.thickness
+        self.weights = np.abs(determinants(jacobians)) * around
         self.blocks = list(self._blocks(inverses(jacobians), mean_volume))
 
     def __getstate__(self) -> dict:
         """Everything except the mapped points, which refer to their mesh in memory."""
-        left_out = ("_mapped", "functions", "_incidence", "seen")
+        left_out = ("_mapped", "functions", "seen")
         return {name: part for name, part in vars(self).items() if name not in left_out}
 
     def __setstate__(self, state: dict) -> None:
@@ -210,15 +210,12 @@ class Points:
         N = self.kinematics.N
         parts = [part for block in self.blocks for part in block.row_parts]
         values = [found.reshape(-1, N) for found in in_order(local, parts)]
-        return self.processes.summed(self._incidence @ np.concatenate(values))
-
-    @cached_property
-    def _incidence(self) -> csr_matrix:
-        """Ones where a node is one of an element, shape (nodes, nodes of all elements)."""
         nodes = np.concatenate([block.nodes.ravel() for block in self.blocks])
-        places = nodes, np.arange(len(nodes))
-        shape = (self.scalar.ndof, len(nodes))
-        return csr_matrix((np.ones(len(nodes)), places), shape=shape)
+        sums = [
+            np.bincount(nodes, column, self.scalar.ndof)
+            for column in np.concatenate(values).T
+        ]
+        return self.processes.summed(np.stack(sums, axis=1))
 
     def cell_means(self, values: np.ndarray) -> np.ndarray:
         """The mean over its element at each point, shape (points,)."""

@@ -14,7 +14,7 @@ from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient
 from ngepc.checks.sentences import in_words
 from ngepc.limit.data import GROWS, STAYS, LimitData
 from ngepc.model.data import as_scalar
-from ngepc.model.elements import cells_of
+from ngepc.model.elements import regions_of
 from ngepc.model.features import BASIC_FEATURES, require_covered
 from ngepc.model.places import Roller
 from ngepc.model.problem import Problem
@@ -116,10 +116,10 @@ def limit_data(problem: Problem, growing: tuple[str, ...]) -> LimitData:
     supports = _supports(problem, facets, growing if moves else ())
     obstacles = _obstacles(problem, facets, supports)
     side = np.full(len(cells.facets), -1)
-    side[facets.facet] = cells_of(problem.mesh, cells.N - 1)[1]
+    side[facets.facet] = regions_of(problem.mesh, cells.N - 1)
     return LimitData(
         cells=cells,
-        region=cells_of(problem.mesh, cells.N)[1],
+        region=regions_of(problem.mesh, cells.N),
         side=np.where(cells.outer, side, -1),
         bound=_on_cells(problem, as_scalar(problem.material.yield_stress))[:, 0],
         force=force,

@@ -44,7 +44,7 @@ COVERS = (
 )
 """Features that ``error_indicators`` covers."""
 
-AT_ONCE = 1000
+AT_ONCE = 8000
 """Elements that are treated together: arrays for all would be new memory each time."""
 
 
@@ -85,7 +85,8 @@ def error_indicators(result: ExactResult) -> GridFunction:
 def indicators_of(state: State) -> np.ndarray:
     """The same for a state, an array (elements,)."""
     points = state.discrete.points
-    stress = np.column_stack(state.discrete.law.stress(state.at))
+    mean, deviator = state.discrete.law.stress(state.at)
+    stress = np.vstack([mean, deviator.T])
     soft = plastic_compliance(state)
 
     alike = elements_by_shape(points.mesh)
@@ -101,7 +102,7 @@ def indicators_of(state: State) -> np.ndarray:
             block = shape.block.of(part)
             left = shape.difference(block, recovered, stress)
             density = compliance_density(state, block, left, soft)
-            total = (weights[part] * density).sum(axis=1)
+            total = np.einsum("eq,qe->e", weights[part], density)
             values[shape.numbers[part]] = 0.5 * total
     return values
 
@@ -109,7 +110,7 @@ def indicators_of(state: State) -> np.ndarray:
 def compliance_density(
     state: State, block: Elements, stress: np.ndarray, soft: np.ndarray
 ) -> np.ndarray:
-    """The square (elements, q) of stresses (elements, q, s) in the tangent's compliance.
+    """The square (q, elements) of stresses (s, q, elements) in the tangent's compliance.
 
     ``soft`` is ``plastic_compliance``.
     """
@@ -118,11 +119,13 @@ def compliance_density(
     share = block.weights / block.weights.sum(axis=1, keepdims=True)
     bulk = np.einsum("ep,ep->e", share, 1 / law.bulk[at])
     shear = np.einsum("ep,ep->e", share, 1 / law.two_mu[at])
-    deviator = stress[:, :, 1:]
-    along = np.einsum("eqi,epi->eqp", deviator, state.at.direction[at])
-    density = bulk[:, None] * stress[:, :, 0] ** 2
-    density += shear[:, None] * np.einsum("eqi,eqi->eq", deviator, deviator)
-    return density + np.einsum("eqp,ep->eq", along**2, share * soft[at])
+    flow = np.sqrt(share * soft[at])[:, :, None] * state.at.direction[at]
+    deviator = stress[1:]
+    density = bulk * stress[0] ** 2
+    density += shear * np.einsum("iqe,iqe->qe", deviator, deviator)
+    for direction in np.moveaxis(flow, 1, 0):
+        density += np.einsum("iqe,ei->qe", deviator, direction) ** 2
+    return density
 
 
 def plastic_compliance(state: State) -> np.ndarray:
@@ -176,36 +179,46 @@ class ShapeIndicators:
     def difference(
         self, block: Elements, recovered: np.ndarray, stress: np.ndarray
     ) -> np.ndarray:
-        """Recovered nodal stresses less those at the points, (elements, fine points, s).
+        """Recovered nodal stresses less those at the points, (s, fine points, elements).
 
         ``block`` are some of the elements.
         """
-        smooth = np.tensordot(self.shapes, recovered[block.nodes.T], 1)
-        rough = np.tensordot(self.extended, stress[block.points.T], 1)
-        return (smooth - rough).swapaxes(0, 1)
+        nodal = recovered.take(block.nodes.T, axis=1)
+        own = stress.take(block.points.T, axis=1)
+        functions = np.hstack([self.shapes, -self.extended])
+        return np.matmul(functions, np.concatenate([nodal, own], axis=1))
+
+    def nodal_weights(self) -> np.ndarray:
+        """The weight of each element in the means at its nodes, (elements, nodes)."""
+        block = self.block
+        if self.points.order == 1:
+            return block.weights @ block.shapes
+        volume = block.weights.sum(axis=1, keepdims=True)
+        return np.broadcast_to(volume, block.nodes.shape)
+
+    def nodal_shares(self, values: np.ndarray) -> np.ndarray:
+        """The shares (elements, nodes) of values at the points in sums over the elements."""
+        block = self.block
+        own = values[block.points]
+        if self.points.order == 1:
+            return (block.weights * own) @ block.shapes
+        return self.nodal_weights() * (own @ self.coefficients.T)
 
 
 def averaged(
     points: Points, shapes: list[ShapeIndicators], stress: np.ndarray
 ) -> np.ndarray:
-    """Nodal coefficients of the continuous stress, shape (nodes, s).
+    """Nodal coefficients (s, nodes) of the continuous stress, from stresses (s, points).
 
     For order 1 means weighted with hat functions: for bilinear stresses they are better than values
     at the corners.
     """
-    sums = np.zeros((points.scalar.ndof, 1 + stress.shape[1]))
-    given = np.column_stack([np.ones(len(stress)), stress])
+    count = points.scalar.ndof
+    sums = np.zeros((1 + len(stress), count))
     for shape in shapes:
-        block = shape.block
-        if points.order == 1:
-            weighted = block.weights[:, :, None] * given[block.points]
-            own = np.einsum("pk,epc->ekc", block.shapes, weighted)
-        else:
-            own = np.einsum("kp,epc->ekc", shape.coefficients, given[block.points])
-            own *= block.weights.sum(axis=1)[:, None, None]
-            own[:, :, 0] = block.weights.sum(axis=1)[:, None]
-        nodes = block.nodes.ravel()
-        for component, values in enumerate(own.reshape(len(nodes), -1).T):
-            sums[:, component] += np.bincount(nodes, values, minlength=len(sums))
-    sums = points.processes.summed(sums)
-    return sums[:, 1:] / sums[:, :1]
+        nodes = shape.block.nodes.ravel()
+        shares = [shape.nodal_weights(), *map(shape.nodal_shares, stress)]
+        for total, own in zip(sums, shares, strict=True):
+            total += np.bincount(nodes, own.ravel(), count)
+    weights, *sums = points.processes.summed(sums.T).T
+    return np.array(sums) / weights

@@ -63,8 +63,12 @@ def cells_of(mesh: Mesh, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     count, given = numbers.shape
     nodes = np.full((count, max(given, 2**dimension)), -1)
     nodes[:, :given] += numbers
-    region = elements["index"].astype(int) - 1
-    return nodes, region
+    return nodes, regions_of(mesh, dimension)
+
+
+def regions_of(mesh: Mesh, dimension: int) -> np.ndarray:
+    """The region numbers of the elements of a dimension."""
+    return elements_in(mesh.ngmesh, dimension)["index"].astype(int) - 1
 
 
 def elements_by_type(mesh: Mesh, dimension: int, chosen: list) -> dict[ET, np.ndarray]:
@@ -86,9 +90,10 @@ def element_nodes(mesh: Mesh) -> np.ndarray:
 
 def elements_by_shape(mesh: Mesh) -> list[tuple[np.ndarray, np.ndarray]]:
     """Numbers (k,) and vertices (k, vertices) of the elements of each shape."""
-    nodes = element_nodes(mesh)[:, : 2**mesh.dim]
     if not has_more_corners(mesh):
-        return [(np.arange(len(nodes)), nodes[:, : mesh.dim + 1].copy())]
+        nodes = elements_in(mesh.ngmesh, mesh.dim)["nodes"][:, : mesh.dim + 1]
+        return [(np.arange(len(nodes)), nodes.astype(int) - 1)]
+    nodes = element_nodes(mesh)[:, : 2**mesh.dim]
     corners = (nodes >= 0).sum(axis=1)
     alike = [np.flatnonzero(corners == count) for count in np.unique(corners)]
     return [(numbers, nodes[numbers][:, nodes[numbers[0]] >= 0]) for numbers in alike]
