@@ -69,6 +69,27 @@ def test_wheel_works_outside_the_checkout(wheel, tmp_path):
     assert run.stdout.strip() == "417", run.stderr
 
 
+def test_a_checkout_is_found_beside_a_folder_of_its_name(tmp_path):
+    """Of a checkout "ngepc", a script in the folder around it imports the package."""
+    (tmp_path / "ngepc").mkdir()
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps"]
+    place = str(tmp_path / "installed")
+    subprocess.run(
+        [*command, "--target", place, "--editable", str(ROOT)], check=True, timeout=300
+    )
+    code = (
+        f"import site; site.addsitedir({place!r}); import ngepc; print(ngepc.__file__)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-E", "-S", "-c", code],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=120,
+    )
+    assert run.stdout.strip() == str(ROOT / "ngepc" / "__init__.py"), run.stderr
+
+
 def test_conda_recipe_names_what_the_wheel_needs():
     """Rendered as conda does it: one set line and plain substitutions."""
     yaml = pytest.importorskip(
