@@ -1,7 +1,7 @@
 """Guaranteed intervals of forces and displacements: meshes that follow them, verdicts, receipts.
 
-- the interval of a goal on a mesh: goal_bound, goal_interval, kinds, goal_terms, resultant,
-  roller_motion
+- the interval of a goal on a mesh: goal_bound, best_lambda, goal_interval, kinds, goal_terms,
+  resultant, roller_motion
 - its adjoint: adjoint, adjoint_conditions, held_rows
 - the supremum over the unknown strain, and its integral: integrand, supremum, supremum_of_laws,
   supremum_of_ellipsoids, sub_elements, sides, goal_boundary

@@ -31,8 +31,9 @@ from ngepc.bounds.outcome import ErrorBound
 from ngepc.checks.kinds import require_instance
 from ngepc.checks.sentences import ROUNDING, in_words, interval_in_words
 from ngepc.discretisation.loads import applied_forces
+from ngepc.goals.best_lambda import LEAST
 from ngepc.goals.ends import SOLVED
-from ngepc.goals.goal_bound import LEAST, goal_bound
+from ngepc.goals.goal_bound import goal_bound
 from ngepc.goals.one_mesh import TOLERANCE
 from ngepc.linalg.blas import one_blas_thread
 from ngepc.local.exact import solve_exactly
