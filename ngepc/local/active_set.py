@@ -19,7 +19,8 @@ import numpy as np
 from ngepc.discretisation.contact_step import with_contact
 from ngepc.discretisation.rows import HELD
 from ngepc.linalg.direct import FactorisationError
-from ngepc.linalg.friction import SHORTEST, SOFT
+from ngepc.linalg.friction import SOFT
+from ngepc.linalg.friction_equation import SHORTEST
 from ngepc.linalg.secants import Compliance
 from ngepc.local.closed import Closed, TangentialRows
 from ngepc.local.iterative import IterativeTangent

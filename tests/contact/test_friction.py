@@ -26,7 +26,8 @@ from ngepc import (
 from ngepc.discretisation import contact_step
 from ngepc.discretisation.contact_step import is_unique
 from ngepc.geometries import block
-from ngepc.linalg.friction import FrictionCone, _Equation
+from ngepc.linalg.friction import FrictionCone
+from ngepc.linalg.friction_equation import FrictionEquation
 from ngepc.linalg.other_forces import other_forces
 from ngepc.linalg.secants import Compliance
 from ngepc.results import iteration
@@ -650,9 +651,9 @@ def test_bad_coefficients_are_refused():
 def test_small_problems_of_a_solid_know_the_compliance_of_the_elastic_body(monkeypatch):
     """147 forces of Tresca's law: 159 small Newton steps, from a diagonal guess ten times more."""
     steps = []
-    counted = _Equation.step
+    counted = FrictionEquation.step
     monkeypatch.setattr(
-        _Equation, "step", lambda *given: steps.append(1) or counted(*given)
+        FrictionEquation, "step", lambda *given: steps.append(1) or counted(*given)
     )
     problem = Problem(
         block.structured_mesh(3, 3, 3, simplices=True),

@@ -22,7 +22,8 @@ from ngepc.linalg.contact_states import (
     equilibria,
     states_of_rows,
 )
-from ngepc.linalg.friction import FrictionCone, _Equation
+from ngepc.linalg.friction import FrictionCone
+from ngepc.linalg.friction_equation import FrictionEquation
 from ngepc.linalg.other_forces import (
     FACTORS,
     SHIFTS,
@@ -364,7 +365,7 @@ def test_the_first_bound_on_a_way():
 @pytest.mark.parametrize("rows", ["Tresca", "tied", "without tangents"])
 def test_given_bounds_in_the_plane_need_no_newton_steps(rows, monkeypatch):
     """They are a box, which exchanges solve a hundred times faster where rows are many."""
-    monkeypatch.setattr(_Equation, "solved", None)
+    monkeypatch.setattr(FrictionEquation, "solved", None)
     random = np.random.default_rng(7)
     m, d = 8, int(rows != "without tangents")
     rule = cone("Tresca" if rows == "Tresca" else "tied", m, d, random)
@@ -558,7 +559,7 @@ def test_proximal_points_reach_the_minimum(law):
     forces = random.normal(size=len(S))
     W = Compliance.of(S)
     c = np.full(len(S), 0.1)  # the same for all tangents of a row
-    equation = _Equation(rule, W, gaps + S @ forces, forces, c)
+    equation = FrictionEquation(rule, W, gaps + S @ forces, forces, c)
     change, exact = equation.approached(np.full(len(S), 5.0))
     assert exact
     assert offence(rule, forces + change, gaps + S @ (forces + change)) < 1e-10
@@ -578,7 +579,7 @@ def test_newton_needs_one_step_at_a_solution(law, d, monkeypatch):
     gaps = random.normal(size=len(S))
     x = rule(W, gaps, np.zeros(len(S)))[0]
     there = gaps + S @ x
-    equation = _Equation(rule, W, there, x, np.full(len(S), 0.1))
+    equation = FrictionEquation(rule, W, there, x, np.full(len(S), 0.1))
     tried = []
     shortened = equation.at
 
@@ -586,7 +587,7 @@ def test_newton_needs_one_step_at_a_solution(law, d, monkeypatch):
         tried.append(change)
         return shortened(change)
 
-    monkeypatch.setattr(_Equation, "at", lambda _, change: counted(change))
+    monkeypatch.setattr(FrictionEquation, "at", lambda _, change: counted(change))
     left, change, exact = equation.solved(np.zeros(len(S)))
     assert exact
     assert left <= 2e-15 * np.abs(x).max()
@@ -603,8 +604,8 @@ def test_steps_are_halved_until_the_residual_falls(until, length, monkeypatch):
     def at(equation, change):
         return SimpleNamespace(left=0.5 if change[0] <= until else 1.0)
 
-    monkeypatch.setattr(_Equation, "at", at)
-    equation = _Equation(None, None, None, None, None)
+    monkeypatch.setattr(FrictionEquation, "at", at)
+    equation = FrictionEquation(None, None, None, None, None)
     taken, found = equation._shortened(np.zeros(1), np.ones(1), 1.0)
     assert taken == length
     assert found.left == (0.5 if length <= until else 1.0)
@@ -664,7 +665,9 @@ def test_newton_leaves_out_forces_that_are_zero(law):
     S = compliance(m * (1 + d), random)
     gaps = random.normal(size=len(S))
     forces = rule.projected(random.normal(size=len(S)))
-    equation = _Equation(rule, Compliance.of(S), gaps, forces, np.full(len(S), c))
+    equation = FrictionEquation(
+        rule, Compliance.of(S), gaps, forces, np.full(len(S), c)
+    )
     closed = ((forces - c * gaps)[:m] > 0) | rule.tied
     rubbing = (closed | rule.given) & ~without
 
