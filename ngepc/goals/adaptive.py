@@ -211,7 +211,8 @@ def tolerance_of(
         return relative_error
     advice = "; solve_to(problem, relative_error) refines for the energy"
     require_covered(problem, "a goal", FEATURES.keys() - (BOUNDED - GOALS), advice)
-    require_covered(problem, "a goal", GOALS)
+    advice = "; confidence(result) estimates the error of a result's energy"
+    require_covered(problem, "a goal", GOALS, advice)
     percent = 1.0 if percent is None else percent
     return require_number("percent", percent, 0, strict=True) / 100
 

@@ -162,6 +162,12 @@ def test_one_limit_is_needed():
         verdict(example("lshape", 33), "contact_force")
 
 
+def test_without_an_interval_it_is_said_who_estimates():
+    rough = square(contact="contact", gap=-0.01, friction=Coulomb(0.3))
+    with pytest.raises(ValueError, match=r"given bound F.*; confidence\(result\)"):
+        verdict(rough, "contact_force", at_most=1.0)
+
+
 def square(**data):
     return Problem(block.mesh(0.4, (1.0, 0.7)), MATERIAL, **data)
 
