@@ -32,7 +32,7 @@ from ngepc.results.options import NewtonOptions
 from ngepc.studies import by_getfem, calculix
 from ngepc.studies.accuracy_cases import CASES, Case
 from ngepc.studies.accuracy_decks import deck_of
-from ngepc.studies.work import OverMeshes
+from ngepc.studies.work import OverMeshes, in_markdown
 
 ACROSS = 3  # panels of the figure in a row
 PROGRAMS = (
@@ -218,9 +218,8 @@ class Accuracy(OverMeshes):
             "faster elements. 'own choice': ngepc by default on simplices over the fastest order "
             "and solver there.",
             "",
-            "| problem | CalculiX, 5 % | 1 % | own choice, 5 % | 1 % |",
-            "| --- | --- | --- | --- | --- |",
         ]
+        table = [["problem", "CalculiX, 5 %", "1 %", "own choice, 5 %", "1 %"]]
         for case in dict.fromkeys(record["case"] for record in records):
             times = {
                 record["program"]: [
@@ -234,8 +233,8 @@ class Accuracy(OverMeshes):
                 times, ("default", "default, bricks"), ("ccx", "ccx, bricks")
             )
             shown += ratios(times, ("default",), CHOICES)
-            lines.append(f"| {case} | {' | '.join(shown)} |")
-        return [*lines, "", *super().notes(records)]
+            table.append([case, *shown])
+        return [*lines, *in_markdown(table), "", *super().notes(records)]
 
     def draw(self, records: Sequence[dict]) -> list[Path]:
         """Errors over times, one panel for each case."""

@@ -184,23 +184,13 @@ class Work(ABC):
 
     def write(self, records: Sequence[dict]) -> list[Path]:
         """Write what ``run`` has returned as NAME.csv, .md and .json, and pictures; the paths."""
-        heads, *rows = self.table(records)
-        escaped = [
-            [entry.replace("|", "\\|") for entry in row] for row in (heads, *rows)
-        ]
-        escaped.insert(1, ["---"] * len(heads))
         made_with = {**provenance(), "commit": self.made_on()}
-        lines = [
-            f"# {self.title}",
-            "",
-            *(f"| {' | '.join(row)} |" for row in escaped),
-            "",
-        ]
+        lines = [f"# {self.title}", "", *in_markdown(self.table(records)), ""]
         pictures = self.draw(records)
         lines += [*self.notes(records), ""]
         for path in pictures:
             lines += [f"![{self.title}: {path.stem}]({path.name})", ""]
-        lines += [*(f"- {k}: {v}" for k, v in made_with.items()), ""]
+        lines += ["Made with:", "", *(f"- {k}: {v}" for k, v in made_with.items()), ""]
         flat = [_flat(record) for record in records]
         stream = io.StringIO()
         names = list(dict.fromkeys(name for row in flat for name in row))
@@ -268,6 +258,13 @@ def _records(kept: Mapping, cell: Mapping) -> list[dict]:
         if not isinstance(record, dict) or not cell.items() <= record.items():
             raise TypeError(f"no records of the cell {dict(cell)}")
     return found
+
+
+def in_markdown(table: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of a table in Markdown, headings first; bars in entries end no cell."""
+    heads, *rows = [[entry.replace("|", "\\|") for entry in row] for row in table]
+    rule = ["---"] * len(heads)
+    return [f"| {' | '.join(row)} |" for row in (heads, rule, *rows)]
 
 
 def with_endings(record: Mapping) -> dict:

@@ -32,7 +32,7 @@ from campaigns.executed import Executed, made
 from campaigns.mutations import mutations
 from campaigns.referee import TIMEOUT
 
-from ngepc.studies.work import Work
+from ngepc.studies.work import Work, in_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 REASONS = Path(__file__).with_name("survivors.json")
@@ -65,13 +65,14 @@ GRACE = 10  # seconds of work beyond what the tests cost without a mutation
 KEPT = ("ngepc", "geometries", "notebooks", "tests", "docs", "benchmarks", "results")
 NOTE = (
     "Each mutant is the package with one fault. Tests that execute the changed line run until one "
-    "fails, those of the same package first; a test may take {study.seconds:g} s. A mutant "
-    "survives if no test executes the line or no test fails. It is equivalent if no user of the "
-    "package can notice it; the table gives the reason. Shares: killed over all that are not "
+    "fails, those of the same package first, as many as take {study.seconds:g} s together. A "
+    "mutant survives if no test executes the line or no test fails. It is equivalent if no user "
+    "can notice it; the second table gives the reason. Shares: killed over all that are not "
     "equivalent, at first sight and now. Between the two, tests were written for survivors of this "
     "draw, so that the first is what to expect of another draw (--seed). The package is that of "
     "the commit below, with the names that modules had there; these tests are newer. "
-    "{study.elsewhere} is not included: make test-petsc tests it where PETSc is installed."
+    "{study.elsewhere} is not included: make test-petsc tests it where PETSc is installed. "
+    "mutants.csv lists every mutant and the test that kills it. Not killed:"
 )
 
 
@@ -109,8 +110,9 @@ class Mutants(Work):
 
     name, title = "mutants", "Faults that tests detect"
     columns = (
-        "room = {room} | line = {module}:{line} | kind = {kind} | before = `{before}` "
-        "| after = `{after}` | at first = {first} | verdict = {verdict} | by, or why = {why}"
+        "package = {room} | mutants = {mutants} | equivalent = {equivalent} "
+        "| killed at first = {first} | share = {first share} | killed now = {verdict} "
+        "| share = {verdict share}"
     )
     note = NOTE
     elsewhere = ELSEWHERE
@@ -286,11 +288,16 @@ class Mutants(Work):
         return self.reasons.get((cell["module"], cell["mutant"]))
 
     def table_rows(self, records):
-        """The records; a survivor with a reason is equivalent."""
-        return [self.excused(record) for record in records]
+        """The shares of each room, and of all."""
+        rooms = {room: [r for r in records if r["room"] == room] for room in ROOMS}
+        rooms["all"] = list(records)
+        return [shares(room, mine) for room, mine in rooms.items() if mine]
 
     def excused(self, record):
-        """A record with its reason and its verdict at first sight."""
+        """A record with its reason and its verdict at first sight.
+
+        A survivor with a reason is equivalent.
+        """
         why = self.reason(record)
         known = {"first": record["verdict"]}
         record = known | record | {"why": PLACES.sub("...", record["why"])}
@@ -300,7 +307,7 @@ class Mutants(Work):
 
     def write(self, records):
         """Reasons go into all three files."""
-        return super().write(self.table_rows(records))
+        return super().write([self.excused(record) for record in records])
 
     def line(self, record):
         """The verdict."""
@@ -309,32 +316,36 @@ class Mutants(Work):
         return f"{where} {what[:80]}: {record['verdict']}, {record['why'][:90]}"
 
     def notes(self, records):
-        """The shares of each room; ``records`` are those of the table."""
-        lines = [
-            "| room | mutants | equivalent | killed at first | share | killed | share |"
-        ]
-        lines += ["| --- | --- | --- | --- | --- | --- | --- |"]
-        for room in (*ROOMS, "all"):
-            mine = [r for r in records if room in (r["room"], "all")]
-            if mine:
-                lines.append(share(room, mine))
-        return ["\n".join(lines), "", *super().notes(records)]
-
-
-def share(room, records):
-    """A line of the table of rooms."""
-    equivalent = sum(record["verdict"] == "equivalent" for record in records)
-    judged = len(records) - equivalent
-    entries = [room, len(records), equivalent]
-    for verdicts in ("first", "verdict"):
-        killed = [
-            record[verdicts] == "killed"
+        """What was done, and the mutants that are not killed."""
+        table = [["line", "kind", "before", "after", "verdict", "why"]]
+        table += [
+            [
+                f"{record['module']}:{record['line']}",
+                record["kind"],
+                f"`{record['before']}`",
+                f"`{record['after']}`",
+                record["verdict"],
+                record["why"],
+            ]
             for record in records
-            if record["verdict"] != "equivalent"
+            if record["verdict"] != "killed"
         ]
-        part = f"{100 * sum(killed) / judged:.0f} %" if judged else ""
-        entries += [sum(killed), part]
-    return f"| {' | '.join(map(str, entries))} |"
+        return [*super().notes(records), "", *in_markdown(table)]
+
+
+def shares(room, records):
+    """A row of the table: how many mutants of a room are killed, at first sight and now."""
+    judged = [record for record in records if record["verdict"] != "equivalent"]
+    row = {
+        "room": room,
+        "mutants": len(records),
+        "equivalent": len(records) - len(judged),
+    }
+    for when in ("first", "verdict"):
+        killed = sum(record[when] == "killed" for record in judged)
+        row[when] = killed
+        row[f"{when} share"] = f"{100 * killed / len(judged):.0f} %" if judged else ""
+    return row
 
 
 def tests_of(record):

@@ -130,17 +130,35 @@ def test_both_shares_are_said(study):
     study.again = True
     study.answers[first] = 1
     study.run()
-    records = study.table_rows(study.run())
+    records = [study.excused(record) for record in study.run()]
     assert [r["first"] for r in records] == 3 * ["survived"]
     assert [r["verdict"] for r in records] == ["killed", "survived", "equivalent"]
-    assert mutants.share("room", records) == "| room | 3 | 1 | 0 | 0 % | 1 | 50 % |"
-    assert mutants.share("room", records[2:]) == "| room | 1 | 1 | 0 |  | 0 |  |"
+    row = ["room", 3, 1, 0, "0 %", 1, "50 %"]
+    assert list(mutants.shares("room", records).values()) == row
+    row = ["room", 1, 1, 0, "", 0, ""]
+    assert list(mutants.shares("room", records[2:]).values()) == row
     study.again = False
     study.answers[second] = 1  # it is not judged any more
-    assert study.table_rows(study.run()) == records
+    assert [study.excused(record) for record in study.run()] == records
     study.path_of(study.cells()[0]).unlink()
     study.survivors.clear()
     assert study.run()[0]["first"] == "killed"
+
+
+def test_the_page_has_shares_and_what_is_not_killed(study, tmp_path, monkeypatch):
+    """The list of all mutants is a file of its own: the page fits the screen."""
+    monkeypatch.setattr(mutants, "ROOMS", ("room",))
+    first, *_ = study.answers
+    study.answers[first] = 1
+    study.trusted = True
+    listed, page, _ = study.write(study.run())
+    rows = [
+        line.split(" | ") for line in page.read_text().splitlines() if line[:1] == "|"
+    ]
+    assert rows[2] == ["| room", "3", "1", "1", "50 %", "1", "50 % |"]
+    assert [row[4] for row in rows[6:]] == ["survived", "equivalent"]
+    assert rows[-1][-1] == "It is the same. |"
+    assert listed.read_text().count("room/ten.py") == 3
 
 
 def test_reasons_are_those_of_mutants_of_today(tmp_path):

@@ -56,6 +56,14 @@ def test_tables_escape_bars_and_flatten_records(tmp_path):
     assert '"left out"' in data.read_text()
 
 
+def test_a_list_in_the_notes_ends_before_that_of_versions(tmp_path, monkeypatch):
+    """Markdown makes one list of two that only an empty line separates."""
+    monkeypatch.setattr(Bars, "note", "Failures:\n\n- the second")
+    _, markdown, _ = Bars(tmp_path).write([{"a": 1}])
+    page = markdown.read_text()
+    assert "- the second\n\nMade with:\n\n- version: " in page
+
+
 def test_a_cell_is_solved_once(tmp_path, monkeypatch):
     first = Bars(tmp_path).run()
     assert {path.name for path in (tmp_path / "cells").iterdir()} == {
