@@ -131,6 +131,7 @@ def _beyond_yielding(
             f"{points[-1][1]:g} (curve={in_words(curve)})"
         )
     strain, stress = reached[0]
+    _require_total(curve, young, strain, stress)
     begins_to_yield = stress == R and strain - stress / young <= ELASTIC
     return reached[1:] if begins_to_yield else reached
 
@@ -150,8 +151,20 @@ def _pairs(curve: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     return points
 
 
+def _require_total(curve: object, young: float, strain: float, stress: float) -> None:
+    """Refuse plastic strains: where the bar begins to yield they are zero, total ones are not."""
+    elastic = stress / young
+    if strain < elastic / 2:
+        raise ValueError(
+            f"curve={in_words(curve)}: at the stress {stress:g} the strain is {strain:g}, but "
+            f"the elastic strain alone is stress/young={elastic:.3g}: total strains are needed "
+            "(Tabulated takes plastic strains, for Material.with_law)"
+        )
+
+
 def _first_stress(curve: object, young: float, strain: float, stress: float) -> float:
     """The stress of the first point, which has to lie on the elastic line."""
+    _require_total(curve, young, strain, stress)
     plastic = strain - stress / young
     if abs(plastic) > ELASTIC:
         raise ValueError(

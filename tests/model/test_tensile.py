@@ -115,6 +115,15 @@ def test_points_below_the_yield_stress_are_elastic():
     assert stress[[19, 39]] == pytest.approx([R, 280.0], rel=1e-10)
 
 
+@pytest.mark.parametrize("yield_stress", [None, R])
+def test_a_curve_of_plastic_strains_is_refused(yield_stress):
+    """As decks of other programs have it: its other points would be read as total strains."""
+    plastic = [(0.0, R), (0.02, 280.0), (0.1, 350.0)]
+    needed = "at the stress 200 the strain is 0, .*: total strains are needed"
+    with pytest.raises(ValueError, match=needed):
+        Material.metal(young=E, poisson=NU, yield_stress=yield_stress, curve=plastic)
+
+
 PLATEAU = [(0.0, 0.0), (R / E, R), (0.02, R), (0.1, 300.0)]
 
 
