@@ -13,6 +13,7 @@ from ngepc.checks.declared import Check, Count, Declared
 from ngepc.checks.sentences import ROUNDING, counted, outward
 from ngepc.goals.goal_interval import GoalBound
 from ngepc.local.result import ExactResult
+from ngepc.results.outcome import WithMessage
 
 ENERGIES = ("energy", "total", "algebraic")
 """Numbers of a ``MeshRecord`` that are energies."""
@@ -65,7 +66,7 @@ class MeshRecord:
 
 
 @dataclass(frozen=True, eq=False)
-class BoundedResult:
+class BoundedResult(WithMessage):
     """The result of ``solve_to``.
 
     Parameters

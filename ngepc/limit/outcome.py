@@ -24,6 +24,7 @@ from ngepc.limit.reading import limit_data
 from ngepc.limit.yielding import SHAPES
 from ngepc.model.elements import vertex_coordinates
 from ngepc.model.problem import Problem
+from ngepc.results.outcome import WithMessage
 
 HARDENS = "Hardening is neglected: the strength is the yield stress of the material."
 
@@ -100,20 +101,13 @@ def width_of(lower: float, upper: float) -> float:
     return (upper - lower) / abs(lower)
 
 
-class Bracketed:
-    """Width and last mesh of a result with both bounds: a limit load or a shakedown load.
-
-    Its ``repr`` is the summary on one line; printed, its ``message`` stands below.
-    """
+class Bracketed(WithMessage):
+    """Width and last mesh of a result with both bounds: a limit load or a shakedown load."""
 
     problem: Problem
     lower: float
     upper: float
     last: MeshBracket
-    message: str
-
-    def __str__(self) -> str:
-        return f"{self!r}\n{self.message}"
 
     @property
     def relative_width(self) -> float:

@@ -131,15 +131,19 @@ class SolverError(RuntimeError):
         self.result = result
 
 
-class Ending:
-    """How a run has ended, with ``raise_for_status``; base class of all results."""
+class WithMessage:
+    """A result that prints as its ``repr``, a summary on one line, and its message below."""
 
-    status: Status
     message: str
 
     def __str__(self) -> str:
-        """The summary on one line, and the message below it."""
         return "\n".join(filter(None, (repr(self), self.message)))
+
+
+class Ending(WithMessage):
+    """How a run has ended, with ``raise_for_status``; base class of all results."""
+
+    status: Status
 
     def raise_for_status(self: Ended) -> Ended:
         """The result itself if the run succeeded; otherwise raise a SolverError that keeps it."""

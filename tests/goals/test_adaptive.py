@@ -141,6 +141,7 @@ def test_newton_that_fails_is_said():
     failed = solve_to(problem, 1e-3, Refinement(max_iterations=2))
     assert len(failed.records) == 1
     assert "2 steps" in failed.message
+    assert str(failed) == f"{failed!r}\n{failed.message}"
 
 
 def test_newton_does_not_go_on_for_what_clearing_a_curved_obstacle_costs():
