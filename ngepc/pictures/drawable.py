@@ -246,7 +246,7 @@ def fields_of(source: object, name: str = "source", others: str = "") -> Fields:
     if not isinstance(fields, Fields):
         inner = ", such as its .result" if hasattr(source, "result") else ""
         if hasattr(source, "steps"):
-            inner = ", such as .steps[-1].fields of the last step"
+            inner = ", such as .steps[-1], the last step"
         raise TypeError(
             f"{name}={in_words(source)}: {others}the result of a solver or its Fields are "
             f"needed{inner}"
@@ -270,4 +270,9 @@ def field_of(source: object, name: str) -> CoefficientFunction:
         found = getattr(owner, name, None)
         if isinstance(found, CoefficientFunction):
             return found
-    raise ValueError(f"field={name!r}: this result has no such field")
+    owner = "this result has no such field"
+    if isinstance(source, Fields):
+        owner = (
+            "Fields have no such field; draw the result or the step (.steps[-1]) itself"
+        )
+    raise ValueError(f"field={name!r}: {owner}")

@@ -274,10 +274,11 @@ def colour_scale(
     high = high if vmax is None else vmax
     size = max(abs(lowest), abs(highest))
     if low >= high or span <= ROUNDED * size:  # a constant field
-        size = max(abs(low), abs(high)) or 1.0
+        size = max(abs(low), abs(high))
+        below = size or float(symmetric or vmax is not None)  # no sign: zero begins it
         low, high = (
-            high - size if vmin is None else low,
-            low + size if vmax is None else high,
+            high - below if vmin is None else low,
+            low + (size or 1.0) if vmax is None else high,
         )
     scale = Normalize(low, high)
     slack = 1e-6 * (high - low)

@@ -119,6 +119,10 @@ def test_what_is_no_part_is_refused():
             plot_field(result, **bad)
     with pytest.raises(ValueError, match="plot_contact_pressure"):
         plot_field(plane, boundary="contact")
+    with pytest.raises(
+        ValueError, match=r"draw the result or the step \(.steps\[-1\]\)"
+    ):
+        plot_field(result.fields, "contact_pressure")
 
 
 @pytest.mark.skipif(not views.viewer_installed(), reason="no viewer")

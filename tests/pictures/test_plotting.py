@@ -391,6 +391,15 @@ def test_signed_fields_get_symmetric_limits():
     assert limits.vmin == -limits.vmax == -3.0
 
 
+def test_the_scale_of_a_field_that_is_zero_begins_at_zero():
+    """A pressure of zero has the colour of no pressure, not the one in the middle."""
+    zero = strips(np.zeros(5), np.ones(5))
+    limits = [colour_scale(zero), colour_scale(zero, symmetric=True)]
+    limits += [colour_scale(zero, ends=ends) for ends in ((None, 0.0), (-2.0, None))]
+    ends = [(0.0, 1.0), (-1.0, 1.0), (-1.0, 0.0), (-2.0, 0.0)]
+    assert [(scale.vmin, scale.vmax) for scale in limits] == ends
+
+
 @pytest.mark.parametrize("value", [0.0, 4.0, -2.0])
 def test_constant_fields_have_a_scale(value):
     limits = colour_scale(strips([value] * 5, np.ones(5)))
