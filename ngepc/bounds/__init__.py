@@ -6,7 +6,7 @@
 - stresses in equilibrium, from those of a state: equilibration, element, balance, nearby
 - the best of them in the plane, by Airy functions: plane, airy, levels, edge_rows, vertex_matrix,
   frames
-- in three dimensions: solid, faces
+- in three dimensions: solid, faces, face_matrix
 - of a body of revolution: revolution, ring_stress, ring_search, ring_element, ring_density,
   ring_energy, ring_integrals
 - the energy density phi and its conjugate phi*, integrated from above: densities, conjugate,

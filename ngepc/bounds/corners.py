@@ -15,9 +15,11 @@ from ngepc.bounds.balance import BALANCED, factorise, spring_energy
 from ngepc.bounds.bisection import Bisection
 from ngepc.bounds.boundary import Boundary
 from ngepc.bounds.contact import ContactFacets
+from ngepc.bounds.convex import conjugate_of
 from ngepc.bounds.coordinates import Displaced, stress_coordinates
 from ngepc.bounds.copies import bisected, with_matching
 from ngepc.bounds.coverage import COVERS as BOUNDED
+from ngepc.bounds.faces import MOST_FACTORISED, is_soft
 from ngepc.bounds.held import RigidWorks, pressure_of_works
 from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.simplices import Simplices
@@ -73,7 +75,9 @@ def state_in_eighths(result: ExactResult) -> tuple[State, np.ndarray] | None:
 
     The stress of its bound is one of order one, which is less accurate than the displacement.  None
     in the plane, for order one, for large meshes, where data belong to the mesh, and with a
-    history: polynomials that are not negative at its points may be at those of the parts.
+    history: polynomials that are not negative at its points may be at those of the parts.  Of
+    bodies that harden softly the stress on the mesh itself is better where the faces of the mesh,
+    but not those of the copy, are few enough for factors.
     """
     problem = result.problem
     count = problem.mesh.ne
@@ -82,8 +86,21 @@ def state_in_eighths(result: ExactResult) -> tuple[State, np.ndarray] | None:
     if not_carried(problem) or not is_covered(problem, WITHOUT_HISTORY):
         return None
     mesh, parents = bisected(problem.mesh, np.ones(count, dtype=bool))
+    factorised = problem.mesh.nface <= MOST_FACTORISED < mesh.nface
+    if factorised and hardens_softly(result.state):
+        return None
     discrete = by_nodes(discrete_on(result, mesh, parents))
     return carried_state(result, discrete, parents), parents
+
+
+def hardens_softly(state: State) -> bool:
+    """Whether the search of a stress near that of a state in space is ill-conditioned."""
+    discrete = state.discrete
+    each = len(discrete.points) // discrete.problem.mesh.ne
+    conjugate = conjugate_of(discrete.law, each)
+    z = stress_coordinates(*discrete.law.stress(state.at))
+    at = conjugate.completed(z.reshape(-1, each, z.shape[1]))
+    return is_soft(conjugate.compliance(at))
 
 
 def pressure_on_copy(

@@ -55,6 +55,7 @@ log = logging.getLogger(__name__)
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
 LENGTHS = 0.5 ** np.arange(10)
 """Lengths of Newton steps that are tried."""
+REFINED = 2  # solves with the factors of S, each for what the one before has left
 LOOSER = 15  # factor of ``gain`` for the conjugate gradients that search the pressure
 
 TOLERANCE = 1e-8
@@ -293,10 +294,13 @@ class SolidBoundData(BoundData):
         """Delta of the faces that nearly solves S delta = b, by two-level conjugate gradients.
 
         If faces are held, the coarse space of continuous displacements is not used.  ``start`` and
-        the result are delta (3 nf, 3) and the decrease of the energy.
+        the result are delta (3 nf, 3) and the decrease of the energy.  Where S is ill-conditioned
+        they are found by its factors, on meshes that are not too large.
         """
         faces = self.faces
         c = self.cells
+        if faces.has_factors:
+            return self._by_factors(b, start)
 
         def coarse(r: np.ndarray) -> np.ndarray | float:
             """The part of continuous displacements."""
@@ -318,6 +322,17 @@ class SolidBoundData(BoundData):
             if gained <= gain * total:
                 break
         return delta + change, total
+
+    def _by_factors(
+        self, b: np.ndarray, start: tuple | None
+    ) -> tuple[np.ndarray, float]:
+        """The same by the factors of S."""
+        faces = self.faces
+        b = faces.kept(b)
+        delta = np.zeros_like(b) if start is None else start[0]
+        for _ in range(REFINED):
+            delta = delta + faces.solve(b - faces.product(delta))
+        return delta, float(np.vdot(b, delta)) / 2
 
     def balanced_moments(
         self, tangent: Factors, own: np.ndarray, given: np.ndarray, w: np.ndarray
