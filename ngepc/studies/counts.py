@@ -40,6 +40,10 @@ from ngepc.studies.work import OverMeshes, chosen, first_of
 
 OWN_ROWS = ("default", "default*", "primal", "primal*")
 OPTIONS = NewtonOptions(max_iterations=2000)
+OWN_NAMES = {"default": "the exact method", "primal": "the second solver"}
+AT_ROUNDING = (
+    "'stagnated': the residual has reached its rounding error, above 1e-10 there."
+)
 FEW = 5
 """Rows with at most so many steps on all meshes are not drawn."""
 
@@ -62,9 +66,7 @@ class CountTable(OverMeshes):
     across = ("{nodes} nodes", "{iterations}{in_paper}{ending}")
     note = (
         "Newton steps for {study.example}, ours (the paper's in parentheses). {study.about} "
-        "Without gamma: 'default' is the exact method and 'primal' the second solver, from zero; "
-        "with * they start from the solution on the next coarser mesh. "
-        "Tolerance 1e-10, 400 quadrature points per triangle for the paper's rows."
+        "{study.own}Tolerance 1e-10, 400 quadrature points per triangle for the paper's rows."
     )
 
     def __post_init__(self) -> None:
@@ -74,6 +76,25 @@ class CountTable(OverMeshes):
         self.rows = chosen(
             [*self.paper, *OWN_ROWS], self.rows or [*self.paper, "default"]
         )
+
+    @property
+    def own(self) -> str:
+        """What the rows without gamma are, if there are any."""
+        own = [row for row in self.rows if row in OWN_ROWS]
+        methods = dict.fromkeys(row.rstrip("*") for row in own)
+        if not methods:
+            return ""
+        named = " and ".join(f"'{name}' is {OWN_NAMES[name]}" for name in methods)
+        starred = any(row.endswith("*") for row in own)
+        nested = "; with * they start from the solution on the next coarser mesh"
+        return f"Without gamma: {named}, from zero{nested * starred}. "
+
+    def notes(self, records: Sequence[dict]) -> list[str]:
+        """The rows that there are, and the statuses that need an explanation."""
+        found = super().notes(records)
+        if any(record["status"] == "stagnated" for record in records):
+            found[-1] += f" {AT_ROUNDING}"
+        return found
 
     def cells(self) -> list[dict]:
         """All rows on one mesh after the other."""
@@ -269,8 +290,7 @@ class NewtonCounts(OverMeshes):
         "other laws by the default method. With k = 1e-3 mu these go by way of displacements of "
         "order one, whose steps have a column of their own. "
         "GetFEM 5.4.2 with its best parameter: measured earlier, on a quiet "
-        "machine, not here. 'stagnated': the residual has reached its rounding error, which is "
-        "above 1e-10 there."
+        f"machine, not here. {AT_ROUNDING}"
     )
 
     def cells(self) -> list[dict]:

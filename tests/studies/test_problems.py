@@ -1,6 +1,7 @@
 """Geometries, data and counts of the studies beside closed forms; nothing large is solved."""
 
 import itertools
+import json
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,6 +27,7 @@ from ngepc.studies.large import solved_in_a_row
 from ngepc.studies.locking import cantilever, cook, punch
 
 QUADS = partial(MakeStructured2DMesh, quads=True)
+RESULTS = Path(__file__).resolve().parents[2] / "results"
 
 
 @pytest.mark.parametrize(
@@ -156,6 +158,19 @@ def test_counts_are_taken_of_all_examples():
     for nodes in counts.HARDENED_NODES:
         for ratio in counts.RATIOS:
             assert ("lshape", ratio, nodes) in kinds
+
+
+@pytest.mark.parametrize("name", ["table1", "table2"])
+def test_notes_of_tables_explain_their_rows_and_statuses_only(name):
+    """Those of the committed tables, whose text names no row that is not there."""
+    kind = {"table1": counts.Table1, "table2": counts.Table2}[name]
+    cells = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))["cells"]
+    rows = list(dict.fromkeys(cell["row"] for cell in cells))
+    (note,) = kind(Path("unused"), levels=6, rows=rows).notes(cells)
+    assert note in (RESULTS / f"{name}.md").read_text(encoding="utf-8")
+    for row in counts.OWN_ROWS:
+        assert (f"'{row}' is" in note) == (row in rows and not row.endswith("*"))
+    assert ("'stagnated'" in note) == ("stagnated" in {c["status"] for c in cells})
 
 
 def test_the_largest_difference_of_energies_is_told():
