@@ -95,7 +95,7 @@ def facet_records(problem: Problem, scalar: FESpace) -> tuple[np.ndarray, csr_ma
     for number, name in enumerate(problem.contact_names):
         degree = 2 if problem.order == 1 else 6
         scan = scanned_gap(problem, name)
-        for shape, dofs, _, area, _ in mapped_facets(problem, scalar, name, degree):
+        for shape, dofs, _, area, at in mapped_facets(problem, scalar, name, degree):
             facet = facet_nodes(shape, problem.order)
             element = _element(problem, scalar, name, shape)
             nodes = dofs[:, facet.numbers(element)]
@@ -103,7 +103,8 @@ def facet_records(problem: Problem, scalar: FESpace) -> tuple[np.ndarray, csr_ma
             records = _records_of(problem, name, scan, facet, nodes)
             records["boundary"] = number
             records["facet"] = facets + np.arange(len(dofs))[:, None]
-            records["weight"] = area @ facet.basis(_places(rule, facet))
+            around = np.reshape(problem.kinematics.weight(at), area.shape)
+            records["weight"] = (area * around) @ facet.basis(_places(rule, facet))
             found.append(records.ravel())
             means.append(_values_at_nodes(facet, element, dofs, scalar.ndof))
             facets += len(dofs)
@@ -220,7 +221,7 @@ def mapped_facets(
     """The facets of a boundary shape by shape, with the points of a rule.
 
     Shape, nodes in a scalar space (facets, k), its functions at the points (points, k), the surface
-    that belongs to them (facets, points), 2 pi r times as much on a ring, and the mapped points.
+    or length that belongs to them (facets, points), and the mapped points.
     """
     mesh = problem.mesh
     N = problem.N
@@ -241,7 +242,6 @@ def mapped_facets(
         )
         J = specialcf.JacobianMatrix(N, N - 1)(points).reshape(-1, N, N - 1)
         area = np.sqrt(np.linalg.det(J.swapaxes(1, 2) @ J))
-        area *= np.ravel(problem.kinematics.weight(points))
         yield (
             shape,
             nodes,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
@@ -57,10 +58,21 @@ def remarks_on(result: Any, points: Points | None, hidden: float) -> list[str]:
     ``points`` have looked at the data of the material, if there are such; ``hidden`` is the deepest
     overlap between nodes.
     """
+    found = []
+    if math.isfinite(longest_way(result)):
+        found += remarks_on_state(result, hidden)
+    resolved = partial(unresolved_data, points=points)
+    notes = (order_note, round_note, what_is_unseen, resolved, nearer_between_nodes)
+    found += [note(result.problem) for note in notes]
+    return list(filter(None, found))
+
+
+def remarks_on_state(result: Any, hidden: float) -> list[str]:
+    """What is to be said about displacements and forces, some of it empty, see ``remarks_on``."""
     still = unstrained(result)
     few = few_facets(result.contact_facets, result.contact_nodes)
     rubs = result.problem.friction is not None
-    found = [
+    return [
         still or out_of_balance(result),
         without_touch(result),
         without_motion(result),
@@ -72,10 +84,6 @@ def remarks_on(result: Any, points: Points | None, hidden: float) -> list[str]:
         overlaps_between_nodes(result, hidden),
         overlaps_of_supports(result),
     ]
-    resolved = partial(unresolved_data, points=points)
-    notes = (order_note, round_note, what_is_unseen, resolved, nearer_between_nodes)
-    found += [note(result.problem) for note in notes]
-    return list(filter(None, found))
 
 
 def longest_way(result: Any) -> float:

@@ -195,6 +195,23 @@ def test_rollers_along_the_axes_are_components(solver, shape, order):
         assert two.equilibrium.reactions[name] == pytest.approx(force, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("solver", "order"), [(semismooth_newton, 1), (primal_newton, 2)]
+)
+def test_a_roller_on_the_axis_of_revolution(solver, order):
+    """Its facets have a normal, but no surface: the first iterate was NaN."""
+    plain = Problem(
+        *(SQUARE, STEEL, "clamped", {"right": (1.5, 0.5)}),
+        prescribed={"left": (0, None)},
+        kinematics="axisymmetric",
+        order=order,
+    )
+    one = solver(plain)
+    two = solver(replace(plain, prescribed={"left": Roller()}))
+    assert two.status is Status.CONVERGED
+    assert np.abs(values(one) - values(two)).max() < 1e-11 * np.abs(values(one)).max()
+
+
 def test_rollers_cost_few_solves():
     mesh = block.structured_mesh(24, 24, simplices=True)
     loads = {"right": (3.0, 0.5)}

@@ -20,6 +20,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block
+from ngepc.local.result import ExactResult
 from ngepc.model.elements import largest_slenderness
 from ngepc.model.obstacles import Disc
 from ngepc.results.checkpoint import problem_fingerprint
@@ -144,6 +145,14 @@ def test_the_worst_remark_comes_first():
     message = semismooth_newton(problem).message
     assert message.startswith("Strains reach ")
     assert "whole facets, 3 nodes)" in message
+
+
+def test_nothing_is_said_about_displacements_that_are_no_numbers():
+    """Strains of nan percent in a part of the body, and overlaps by up to 0."""
+    mesh = block.structured_mesh(2, 2)
+    given = semismooth_newton(Problem(mesh, METAL, contact="contact", gap=0.5))
+    lost = given.discrete.state(np.full_like(given.state.u, np.nan))
+    assert ExactResult(lost, Status.NONFINITE, "", History()).message == ""
 
 
 def test_a_body_without_loads_says_so():
