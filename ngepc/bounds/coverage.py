@@ -11,6 +11,7 @@ from ngepc.bounds.rollers import in_components
 from ngepc.checks.sentences import in_words
 from ngepc.discretisation.polynomials import is_polynomial
 from ngepc.discretisation.sampling import Scan
+from ngepc.local.indicators import COVERS as ESTIMATED
 from ngepc.model.elements import (
     SHAPES,
     are_parallelograms,
@@ -21,6 +22,7 @@ from ngepc.model.features import (
     BASIC_FEATURES,
     FEATURES,
     HISTORY_FEATURES,
+    is_covered,
     require_covered,
 )
 from ngepc.model.material import is_vector
@@ -50,9 +52,8 @@ OF_REVOLUTION = (
 HELD = frozenset({"two bodies", "held by contact"})
 """Features that bounds cover in the plane without friction."""
 
-ESTIMATE = "; error_indicators(result) estimates, without a guarantee"
 CUT = "; solve_to cuts elements into simplices first"
-"""What is advised where a bound is refused."""
+"""What is advised where a bound on other elements is refused."""
 
 ON_PARALLELOGRAMS = {
     "plane stress": "a bound in plane stress",
@@ -227,7 +228,14 @@ def check_data_inside(problem: Problem) -> None:
 
 def check_each_feature(problem: Problem) -> None:
     """Refuse features that no bound covers."""
-    require_covered(problem, "a bound", COVERS, ESTIMATE)
+    require_covered(problem, "a bound", COVERS, estimate_for(problem))
+
+
+def estimate_for(problem: Problem) -> str:
+    """What is advised where a bound is refused: the estimate, if the problem has one."""
+    if not is_covered(problem, ESTIMATED):
+        return ""
+    return "; error_indicators(result) estimates, without a guarantee"
 
 
 def check_features(problem: Problem) -> None:
@@ -236,9 +244,11 @@ def check_features(problem: Problem) -> None:
     if problem.kinematics.hoop:
         require_covered(problem, "a bound of a body of revolution", OF_REVOLUTION)
     if problem.N == 3:
-        require_covered(problem, "a bound in three dimensions", COVERS - HELD, ESTIMATE)
+        advice = estimate_for(problem)
+        require_covered(problem, "a bound in three dimensions", COVERS - HELD, advice)
     if problem.friction is not None:
-        require_covered(problem, "a bound with friction", COVERS - HELD, ESTIMATE)
+        advice = estimate_for(problem)
+        require_covered(problem, "a bound with friction", COVERS - HELD, advice)
     if FEATURES["quadrilaterals"].found(problem):
         require_covered(problem, "a bound on quadrilaterals", COVERS - HELD, CUT)
     if FEATURES["hexahedra"].found(problem):

@@ -9,11 +9,13 @@ from ngsolve import CF, x
 from pairs import in_turn
 
 from ngepc import (
+    Coulomb,
     Hill,
     Material,
     Overlay,
     Problem,
     error_bound,
+    error_indicators,
     semismooth_newton,
     solve_to,
 )
@@ -200,6 +202,17 @@ def test_an_angle_that_varies_inside_elements_is_refused():
     turning = replace(PLAIN, hill=Hill.r_values(1.8, 1.2, 2.3, angle=x))
     with pytest.raises(ValueError, match=r"hill.angle varies inside elements"):
         error_bound(semismooth_newton(square(2, turning)))
+
+
+@pytest.mark.parametrize("law", SAME)
+def test_no_estimate_is_advised_that_is_refused_as_well(law):
+    """``error_indicators`` are for one smooth yield surface; others got the advice."""
+    rubs = {"contact": "contact", "gap": 1e-4, "friction": Coulomb(0.3)}
+    result = semismooth_newton(square(2, SAME[law], **rubs))
+    with pytest.raises(ValueError, match="needs"):
+        error_indicators(result)
+    with pytest.raises(ValueError, match=r"a given bound F of friction$"):
+        error_bound(result)
 
 
 @pytest.mark.parametrize("number", [0, 1])
