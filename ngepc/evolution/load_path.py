@@ -210,7 +210,7 @@ def load_cycle(problem: Problem, factors: Sequence[float], steps: int = 1) -> Sc
     Raises
     ------
     TypeError, ValueError
-        If an argument is not legal, or the problem has no loads.
+        If an argument is not legal, or the problem has no loads but its gaps.
     """
     require_instance("problem", problem, Problem, "a Problem")
     steps = require_integer("steps", steps, 1)
@@ -219,14 +219,28 @@ def load_cycle(problem: Problem, factors: Sequence[float], steps: int = 1) -> Sc
         raise ValueError(f"factors={factors!r}: at least one number is needed")
     times = np.arange(1, steps * (len(corners) - 1) + 1) / steps
     loads = {name: getattr(problem, name) for name in LOADS}
-    if all(value is None for value in loads.values()):
+    if not any(_is_load(name, value) for name, value in loads.items()):
         raise ValueError(
-            f"problem has no loads to scale: one of {', '.join(LOADS)} is needed"
+            f"problem has no loads to scale: one of {', '.join(LOADS)} is needed, of supports "
+            "other than zero (gaps are not scaled: a Schedule changes them)"
         )
     factor = partial(np.interp, xp=np.arange(len(corners)), fp=corners)
     return Schedule(
         tuple(times.tolist()), lambda time: scaled(loads, float(factor(time)))
     )
+
+
+def _is_load(name: str, data: object) -> bool:
+    """Whether data of a problem are more than nothing; prescribed zeros are supports."""
+    if isinstance(data, Mapping):
+        return any(_is_load(name, one) for one in data.values())
+    if name != "prescribed":
+        return data is not None
+    if isinstance(data, Roller):
+        return _is_load(name, data.value)
+    if isinstance(data, Sequence):
+        return any(_is_load(name, one) for one in data)
+    return data is not None and not (is_number(data) and data == 0)
 
 
 def pairs_in(given: object) -> list[tuple[float, Changes]]:

@@ -52,7 +52,7 @@ SMALLEST_ERROR = 1e-12
 @one_blas_thread
 def solve_to(
     problem: Problem,
-    relative_error: float = 0.01,
+    relative_error: float | None = None,
     options: Refinement | None = None,
     monitor: Callable[[MeshRecord], None] | None = None,
     *,
@@ -67,14 +67,14 @@ def solve_to(
         The data; refinement starts from a copy of its mesh, with quadrilaterals cut into triangles
         and then displacements of order two.
     relative_error
-        Bound for ``ErrorBound.relative``, >= 1e-12 (rounding errors) and < 1.
+        Bound for ``ErrorBound.relative``, >= 1e-12 (rounding errors) and < 1; 0.01 by default.
     options
         Options of refinement.
     monitor
         Called with the record of each mesh; raising StopIteration ends the run.
     goal
         A goal of ``goal_bound``: meshes are refined by its indicators until half the width of its
-        interval is at most ``percent`` percent of its middle; ``relative_error`` is then ignored.
+        interval is at most ``percent`` percent of its middle.
     percent
         The percentage of a goal, > 0; 1 by default.
 
@@ -198,10 +198,17 @@ def first_state(problem: Problem) -> State:
 
 
 def tolerance_of(
-    problem: Problem, relative_error: float, goal: object, percent: float | None
+    problem: Problem, relative_error: float | None, goal: object, percent: float | None
 ) -> float:
     """The tolerance for the relative error: of the energy, or of the goal if there is one."""
-    require_number("relative_error", relative_error, SMALLEST_ERROR, below=1)
+    given = relative_error is not None
+    relative_error = require_number(
+        "relative_error", relative_error if given else 0.01, SMALLEST_ERROR, below=1
+    )
+    if goal is not None and given:
+        raise ValueError(
+            f"relative_error={relative_error:g}: that of the energy; of a goal it is percent"
+        )
     if goal is None:
         if percent is not None:
             raise ValueError(

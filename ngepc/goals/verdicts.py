@@ -111,7 +111,7 @@ def verdict(
         if known or clock.too_late:
             raise StopIteration
 
-    tolerance = tolerance_of(problem, FINEST, goal, 100 * FINEST)
+    tolerance = tolerance_of(problem, None, goal, 100 * FINEST)
     hopeless = about_zero if limit == 0 else beside_zero
     problem = with_order_two(problem)
     run = run_to(problem, tolerance, options, decided, goal, hopeless)

@@ -224,7 +224,7 @@ USES = {
         displacement_bracket, {"result": SOLVED, "body_force": (0.0, 1.0)}
     ),
     "Refinement": Use(Refinement),
-    "solve_to": Use(solve_to, {"problem": FREE, "relative_error": 0.9}),
+    "solve_to": Use(solve_to, {"problem": FREE, "goal": WORK, "percent": 90.0}),
     "goal_bound": Use(ngepc.goal_bound, {"result": SOLVED, "goal": "contact_force"}),
     "confidence": Use(ngepc.confidence, {"result": SOLVED}),
     "write_receipt": Use(

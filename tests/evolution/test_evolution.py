@@ -20,7 +20,7 @@ from ngepc.geometries import block, lshape
 from ngepc.methods.newton import semismooth_newton
 from ngepc.model.elements import plastic_points
 from ngepc.model.material import Material
-from ngepc.model.places import Coulomb, Point
+from ngepc.model.places import Coulomb, Point, Roller
 from ngepc.model.problem import Problem
 from ngepc.primal.solver import PrimalOptions, primal_newton
 from ngepc.results.options import NewtonOptions
@@ -643,6 +643,18 @@ def test_schedules_check_their_times():
         load_cycle(punched(), [])
     with pytest.raises(ValueError, match="problem has no loads to scale"):
         load_cycle(dataclasses.replace(punched(), traction=None), [1])
+
+
+@pytest.mark.parametrize("support", [(0.0, None), Roller()])
+def test_supports_and_gaps_are_no_loads_to_scale(support):
+    """A punch pressed into half a block by its gap would not move in a load cycle."""
+    held = punched().changed(traction={}, prescribed={"load": support})
+    with pytest.raises(
+        ValueError, match="gaps are not scaled: a Schedule changes them"
+    ):
+        load_cycle(held, [1, 0])
+    pushed = held.changed(prescribed={"load": (1e-3, None)})
+    assert load_cycle(pushed, [0.5]).at(1.0)["prescribed"] == {"load": (5e-4, None)}
 
 
 def test_checkpoints_of_other_solver_settings_or_friction_are_other_work():

@@ -278,6 +278,10 @@ def test_arguments_are_checked():
     problem = lshape_problem(lshape.paper_mesh(21))
     with pytest.raises(ValueError, match="relative_error=0"):
         solve_to(problem, 0)
+    with pytest.raises(
+        ValueError, match=r"relative_error=0\.05: .* of a goal it is percent"
+    ):
+        solve_to(problem, 0.05, goal="contact_force")
     with pytest.raises(TypeError, match="problem"):
         solve_to(3)
     with pytest.raises(ValueError, match="marking=2"):
