@@ -1,8 +1,8 @@
 """Guaranteed bounds of the energy error, by stresses in equilibrium on meshes of every kind.
 
 - the bound of a result, and what it says: bound, of_state, outcome, coverage, sizes, thickness
-- data that the bounds of all states on a mesh share: data, boundary, contact, oscillation,
-  foundation, rollers, held
+- data that the bounds of all states on a mesh share: data, boundary, contact, row_stresses,
+  oscillation, foundation, rollers, held
 - stresses in equilibrium, from those of a state: equilibration, element, balance, nearby
 - the best of them in the plane, by Airy functions: plane, airy, levels, edge_rows, vertex_matrix,
   frames

@@ -115,11 +115,11 @@ def pressure_on_copy(
     if problem.N == 3 or problem.contact_pairs or not problem.contact_names:
         return None
     if problem.order == 1:
-        P = contact.pressure(copy.multipliers)
+        P = contact.from_rows.pressure(copy.multipliers)
         return pressure_with_resultant(result.state, contact, P)
     cells = Simplices.of(problem.mesh)
     old = ContactFacets(result.discrete, Boundary(problem, cells))
-    P = old.pressure(result.state.multipliers)
+    P = old.from_rows.pressure(result.state.multipliers)
 
     # the facet of the same direction on the parent
     same = parents[contact.owner][:, None] == old.owner

@@ -16,11 +16,11 @@ from copy import copy
 import numpy as np
 from ngsolve import VOL, ElementId, GridFunction, VectorH1
 
-from ngepc.bounds.contact import MIDDLE
 from ngepc.bounds.coverage import check_data_inside, check_each_feature
 from ngepc.bounds.hexahedra import check_hexahedra, cut_into_tetrahedra
 from ngepc.bounds.quadrilaterals import CutMesh, cut_into_triangles
 from ngepc.bounds.rollers import by_nodes
+from ngepc.bounds.row_stresses import MIDDLE
 from ngepc.bounds.transfer import (
     check_carried,
     check_free_of_functions,

@@ -96,7 +96,7 @@ def best_bound(
     state, moved, algebraic = given
     contact = bound_data.contact
     if pressure is None:
-        pressure = contact.pressure(state.multipliers)
+        pressure = contact.from_rows.pressure(state.multipliers)
     pressure = holding_pressure(bound_data, state, pressure)
     z, at_points, P, search, w = bound_data.best_stress(state, tangent, pressure)
     gaps = bound_data.at_nodes.integrals(

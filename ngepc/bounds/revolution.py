@@ -192,7 +192,7 @@ class RevolutionData:
 
     def _pressed(self, state: State) -> np.ndarray:
         """The vertices of the contact facets with a contact force at one of their ends."""
-        pressed = np.append(state.multipliers > 0, False)[self.contact.row_of]
+        pressed = np.append(state.multipliers > 0, False)[self.contact.from_rows.row_of]
         return np.unique(self.contact.nodes[pressed.any(axis=1), :2])
 
     def _hats(self, vertices: np.ndarray) -> np.ndarray:

@@ -187,7 +187,7 @@ class SolidBoundData(BoundData):
         given = start, tangent, ExactResult, TOLERANCE, MOST_STEPS
         found = newton_iteration(*given).or_interrupted()
         self.lower_state, _ = feasible_state(lower, found.state)
-        P = lower.contact.pressure(found.state.multipliers)
+        P = lower.contact.from_rows.pressure(found.state.multipliers)
         found = lower.best_stress(self.lower_state, tangent, P)
         at_points = at_points_of_parts(found.nodal)
         return BestStress(found.nodal, at_points, found.pressure, None, found.sprung)

@@ -308,13 +308,12 @@ class AdjointProblem(AdjointConditions):
         contact = self.bound_data.contact
         rows = self.bound_data.discrete.rows
         normal, along = np.split(forces, [self._normals])
+        pi = contact.from_rows.stresses(normal)
         if not len(along):
-            return contact.stresses(normal), np.zeros(
-                (*self.P.shape, rows.normals.shape[1])
-            )
+            return pi, np.zeros((*self.P.shape, rows.normals.shape[1]))
         along = along.reshape(rows.tangents.shape[:2])
         forces = np.einsum("md,mdc->mc", along, rows.tangents)
-        return contact.stresses(normal), contact.drag(forces, factor * self._spare)
+        return pi, contact.from_rows.drag(forces, factor * self._spare)
 
     def of_rows(self, goal: GoalTerms) -> np.ndarray:
         """The number c at each row: the largest of the facets around it."""

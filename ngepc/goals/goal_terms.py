@@ -65,7 +65,7 @@ class GoalTerms(GoalForm):
         forces = np.maximum(state.multipliers, 0.0)
         if (self.factor == 1).all():
             return float(forces.sum())
-        return float(self.factor @ bound_data.contact.resultants(forces))
+        return float(self.factor @ bound_data.contact.from_rows.resultants(forces))
 
 
 def check_goal(goal: object, problem: Problem) -> None:

@@ -190,8 +190,8 @@ def test_pressures_are_fitted_in_all_units(size):
     discrete = DiscreteProblem(problem)
     contact = bound_data_of(discrete).contact
     forces = np.random.default_rng(4).normal(size=len(discrete.rows))
-    pressure = contact.pressure(forces)
-    found = contact.pressure(size * forces) / size
+    pressure = contact.from_rows.pressure(forces)
+    found = contact.from_rows.pressure(size * forces) / size
     assert found == pytest.approx(pressure, rel=1e-9, abs=1e-9 * pressure.max())
 
 

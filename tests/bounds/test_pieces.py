@@ -217,7 +217,7 @@ def test_the_energy_of_an_adjoint_is_that_of_its_strains(goal):
     data = {"traction": {"right": (0.0, -1.0)}, "springs": {"right": 30.0}}
     bound_data, state = solved(contact="contact", gap=-1e-2, **data)
     discrete = bound_data.discrete
-    P = bound_data.contact.pressure(state.multipliers)
+    P = bound_data.contact.from_rows.pressure(state.multipliers)
     adjoints = AdjointProblem(bound_data, state, P)
     start = adjoints.start(terms_of(goal, bound_data))
     z = start.base.z + start.lift

@@ -196,7 +196,7 @@ def test_the_pressure_is_zero_where_the_body_is_far_from_the_obstacle():
     """A solver of scipy for least squares with P >= 0 left pressure far from the contact zone."""
     result = semismooth_newton(replace(example("lshape", 1601), order=2))
     contact = bound_data_of(result.discrete).contact
-    pressure = contact.pressure(result.state.multipliers)
+    pressure = contact.from_rows.pressure(result.state.multipliers)
     gap = contact.slack(result.state.u)[:, :2]
     assert pressure[gap.min(axis=1) > 1e-3].max() < 1e-12 * pressure.max()
 

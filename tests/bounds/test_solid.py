@@ -566,7 +566,7 @@ def test_adjoints_share_the_matrices_of_the_bound():
     bound_data = bound_data_of(result.discrete)
     state = result.state
     tangent = Factors(bound_data.discrete, "sparsecholesky")
-    pressure = bound_data.contact.pressure(state.multipliers)
+    pressure = bound_data.contact.from_rows.pressure(state.multipliers)
     shared = bound_data.best_stress(state, tangent, pressure).search
     again = bound_data.search(state)
     assert np.array_equal(shared.compliance, again.compliance)
