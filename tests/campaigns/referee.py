@@ -125,10 +125,15 @@ def forget(folder):
 
 
 def broken(path):
-    """What is wrong with a module that cannot be imported, nothing if it can."""
+    """What is wrong if a module, or what all tests import, cannot be imported; nothing if it can.
+
+    Where ``conftest`` cannot, pytest ends as if there were no such tests.
+    """
     name = Path(path).relative_to(os.getcwd()).with_suffix("").parts
     try:
         importlib.import_module(".".join(name))
+        if Path("tests", "conftest.py").exists():
+            importlib.import_module("conftest")
     except Exception as error:
         told = f"{type(error).__name__}: {error}".split("\n")[0][:200]
         return {"by": "its import", "error": told}

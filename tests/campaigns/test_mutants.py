@@ -217,3 +217,17 @@ def test_weak_and_strong_tests(bench):
     why = "its import: IndexError: string index out of range"
     assert broken == {"verdict": "killed", "why": why}
     assert path.read_text() == text
+
+
+def test_a_fault_that_stops_what_all_tests_import_is_killed(bench):
+    """The module itself can be imported."""
+    text = (bench.project / "ngepc" / "room" / "ten.py").read_text()
+    mutation = next(m for m in mutations(text) if m.before == "2.0")
+    conftest = bench.project / "tests" / "conftest.py"
+    conftest.write_text(
+        "from ngepc.room.ten import pressed\n\nassert pressed(4.0) == 3\n"
+    )
+    weak = ["tests/test_weak.py"]
+    bench.answer({"load": weak})
+    killed = verdict(bench.judge("room/ten.py", mutation, weak, 60))
+    assert killed["why"].startswith("its import: AssertionError")
