@@ -15,6 +15,7 @@ from ngepc.pictures.quantities import force_unit, number, unit_of, units_of
 from ngepc.pictures.rows import Rows, row
 from ngepc.pictures.sampling import corners_of, visible
 from ngepc.results.fields import Fields
+from ngepc.results.remarks import at_plastic_points
 from ngepc.results.result import Result
 
 
@@ -23,12 +24,13 @@ def describe_result(result: Result, units: UnitNames = PLAIN) -> Rows:
     length = unit_of(units, "length")
     stress = unit_of(units, "stress")
     fields = result.fields
-    peeq = number(largest(fields, "accumulated_plastic_strain"))
+    mises = number(largest_at_points(fields, "von_mises"), stress)
+    peeq = number(largest_at_points(fields, "accumulated_plastic_strain"))
     steps = [row("Newton steps", str(result.iterations))]
     return [
         *contact_answer(result, units),
         row("largest displacement", number(largest(fields, "displacement"), length)),
-        row("largest von Mises stress", number(largest(fields, "von_mises"), stress)),
+        row("largest von Mises stress (integration points)", mises),
         row("largest equivalent plastic strain (PEEQ)", peeq),
         *reaction_answer(result, units),
         row("error of the mesh", how_exact(result)),
@@ -85,6 +87,11 @@ def largest(fields: Fields, name: str) -> float:
     """The largest size of a field at the points of a picture."""
     values = corners_of(fields, visible(fields, getattr(fields, name))).values
     return float((np.linalg.norm(values, axis=2) if values.ndim == 3 else values).max())
+
+
+def largest_at_points(fields: Fields, name: str) -> float:
+    """The largest value of a scalar field at the integration points, where the law holds."""
+    return float(at_plastic_points(fields.problem, getattr(fields, name)).max())
 
 
 def largest_pressure(result: Result) -> float:

@@ -17,7 +17,12 @@ from ngepc import (
 )
 from ngepc.geometries import block
 from ngepc.pictures import UnitNames, plot_mesh
-from ngepc.pictures.answers import largest, reaction_answer
+from ngepc.pictures.answers import (
+    describe_result,
+    largest,
+    largest_at_points,
+    reaction_answer,
+)
 from ngepc.pictures.drawable import NEVER_NEGATIVE, PLAIN, drawable, on_one_scale
 from ngepc.pictures.fields import Drawing
 from ngepc.pictures.quantities import number
@@ -69,6 +74,26 @@ def test_the_largest_displacement_is_that_of_a_corner():
         np.linalg.norm(result.displacement(mesh(*p))) for p in mesh.ngmesh.Points()
     ]
     assert largest(result, "displacement") == pytest.approx(max(sizes), rel=1e-9)
+
+
+def test_reports_have_no_stress_above_what_the_metal_bears():
+    """The law holds at the integration points; the stress at corners may be above it."""
+    R, H = 235.0, 1000.0
+    steel = Material.metal(young=2.1e5, poisson=0.3, yield_stress=R, plastic_modulus=H)
+    bent = Problem(
+        block.structured_mesh(6, 3, size=(2.0, 1.0)),
+        steel,
+        clamped="left",
+        traction={"right": (0.0, 60.0)},
+    )
+    result = semismooth_newton(bent).raise_for_status()
+    fields = result.fields
+    stress = largest_at_points(fields, "von_mises")
+    most = R + H * largest_at_points(fields, "accumulated_plastic_strain")
+    assert R < stress <= most * (1 + 1e-9)
+    assert largest(fields, "von_mises") > 1.05 * most
+    rows = {row["quantity"]: row["value"] for row in describe_result(result)}
+    assert rows["largest von Mises stress (integration points)"] == number(stress)
 
 
 @pytest.mark.parametrize(
