@@ -11,7 +11,7 @@ from ngepc.discretisation.formulas import formula_of, formula_on
 from ngepc.discretisation.lattices import parts_of_edges
 from ngepc.discretisation.operations import FacetCorners, Operation, Values
 from ngepc.discretisation.polynomials import is_polynomial
-from ngepc.discretisation.sampling import FOLLOWED
+from ngepc.discretisation.sampling import FOLLOWED, rounding_of_gaps
 from ngepc.linalg.intervals import Intervals
 from ngepc.linalg.jets import Jet
 from ngepc.model.elements import cells_of, elements_by_type, is_straight
@@ -65,7 +65,7 @@ def _has_limits(
 ) -> bool:
     for facets in _facets_of(mesh, name):
         whole = formula_on(formula, _boxes(facets)).whole
-        if not (whole.finite.all() and _agrees(facets.values(gap), whole)):
+        if not (whole.finite.all() and _agrees(mesh, facets.values(gap), whole)):
             return False
     return True
 
@@ -78,10 +78,11 @@ def _is_followed(
         if facets.places.shape[1] != mesh.dim:
             return False
         jet = formula_on(formula, facets)
-        if not (jet.is_smooth.all() and _agrees(facets.values(gap), jet.whole)):
+        if not (jet.is_smooth.all() and _agrees(mesh, facets.values(gap), jet.whole)):
             return False
         largest = jet.value[:, 1:].size.max(initial=0.0)
-        if _bending(jet) / parts**2 > FOLLOWED * largest:
+        missed = max(FOLLOWED * largest, rounding_of_gaps(mesh))
+        if _bending(jet) / parts**2 > missed:
             return False
     return True
 
@@ -125,9 +126,9 @@ def _boxes(facets: FacetCorners) -> FacetCorners:
     return FacetCorners(box[:, None], facets.values)
 
 
-def _agrees(values: np.ndarray, whole: Intervals) -> bool:
+def _agrees(mesh: Mesh, values: np.ndarray, whole: Intervals) -> bool:
     """Whether values (facets, points, 1) lie in intervals (facets,) but for rounding errors."""
-    error = ROUNDING * np.abs(values).max(initial=0.0)
+    error = ROUNDING * np.abs(values).max(initial=0.0) + rounding_of_gaps(mesh)
     above = values[:, :, 0] >= whole.low[:, None] - error
     below = values[:, :, 0] <= whole.high[:, None] + error
     return bool((above & below).all())

@@ -36,7 +36,7 @@ from ngepc.discretisation.facets import (
 )
 from ngepc.discretisation.narrow import clear_of
 from ngepc.discretisation.quadrature import rules_of
-from ngepc.discretisation.sampling import Scan
+from ngepc.discretisation.sampling import Scan, rounding_of_gaps
 from ngepc.model.elements import regions_of
 from ngepc.model.problem import Problem
 from ngepc.model.processes import Team
@@ -155,7 +155,7 @@ def scanned_gap(problem: Problem, name: str) -> Scan:
     mesh = problem.mesh
     region = regions_of(mesh, mesh.dim - 1)
     there = np.array(mesh.Boundaries(name).Mask(), dtype=bool)[region]
-    return Scan(mesh, problem.gaps[name], BND, there)
+    return Scan(mesh, problem.gaps[name], BND, there, rounding_of_gaps(mesh))
 
 
 def nearer_between_nodes(problem: Problem) -> str:

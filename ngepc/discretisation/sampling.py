@@ -46,7 +46,7 @@ from ngepc.discretisation.lattices import (
     with_centres,
 )
 from ngepc.discretisation.polynomials import is_polynomial
-from ngepc.model.elements import has_straight_simplices
+from ngepc.model.elements import has_straight_simplices, vertex_coordinates
 from ngepc.model.processes import processes_of
 
 LEVELS = {1: 12, 2: 4, 3: 1}
@@ -115,6 +115,14 @@ def smooth_groups(values: np.ndarray, dim: int) -> np.ndarray:
     return (largest <= FOLLOWED * variation(values)).all(axis=1)
 
 
+def rounding_of_gaps(mesh: Mesh) -> float:
+    """Rounding errors of gaps (length): nothing else is left where an obstacle touches.
+
+    Gaps are differences of coordinates, whose size they do not tell.
+    """
+    return 1e-12 * float(np.abs(vertex_coordinates(mesh)).max(initial=0.0))
+
+
 @dataclass(frozen=True, eq=False)
 class HiddenRule:
     """An adaptive rule: points in one element, weights, and the values of a coefficient.
@@ -160,6 +168,8 @@ class Scan:
         VOL or BND: elements of the body or of its boundary.
     chosen
         Which of them, as booleans; all by default.  Pyramids are left out.
+    rounding
+        Size of the rounding errors of the values: nothing smaller is hidden.
     """
 
     def __init__(
@@ -168,10 +178,12 @@ class Scan:
         value: Coefficient,
         kind: object,
         chosen: np.ndarray | None = None,
+        rounding: float = 0.0,
     ) -> None:
         self.mesh = mesh
         self.value = value
         self.kind = kind
+        self.rounding = rounding
         self.dim = mesh.dim if kind == VOL else mesh.dim - 1
         self.hidden = np.zeros(0, dtype=int)
         if is_polynomial(value, mesh):
@@ -207,7 +219,7 @@ class Scan:
         measured = [self._missed(shape, some) for shape, some in by_shape]
         sizes, missed = np.concatenate(measured, axis=1)
         size = processes_of(self.mesh).maximum(sizes)
-        return np.sort(numbers[missed > FOLLOWED * size])
+        return np.sort(numbers[missed > max(FOLLOWED * size, self.rounding)])
 
     def _missed(self, shape: ET, numbers: np.ndarray) -> np.ndarray:
         """The largest value on each element, and by how much a cubic function misses, (2, k)."""

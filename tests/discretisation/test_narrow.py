@@ -17,6 +17,7 @@ from ngsolve import (
     x,
     y,
 )
+from ngsolve.meshes import MakeStructured2DMesh
 from teams import Jacobi, run
 
 from ngepc import (
@@ -30,12 +31,16 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.discretisation.facets import facet_nodes
-from ngepc.discretisation.gap_records import gap_records, scanned_gap
+from ngepc.discretisation.gap_records import (
+    gap_records,
+    nearer_between_nodes,
+    scanned_gap,
+)
 from ngepc.discretisation.lattices import Piece, lattice_rule
 from ngepc.discretisation.narrow import cleared, lattice_of
-from ngepc.discretisation.sampled import hidden_overlap
+from ngepc.discretisation.sampled import hidden_overlap, what_is_unseen
 from ngepc.geometries import block
-from ngepc.model.obstacles import Sphere
+from ngepc.model.obstacles import Plane, Sphere
 from ngepc.model.parts import distribute
 
 MATERIAL = Material.kinematic(
@@ -175,6 +180,26 @@ def test_a_history_whose_gap_changes():
     force = history.steps[-1].record.contact_force
     assert force == pytest.approx(alone.contact_force, rel=1e-9)
     assert "An obstacle stands nearer between nodes by up to 0.0" in history.message
+
+
+@pytest.mark.parametrize("away", [0.0, 1e3])
+def test_a_plane_that_touches_an_oblique_side_hides_nothing(away):
+    """Its gap is zero but for rounding errors, which no polynomial follows."""
+    c, s = np.cos(0.3), np.sin(0.3)
+    mesh = MakeStructured2DMesh(
+        quads=False,
+        nx=8,
+        ny=4,
+        mapping=lambda x, y: (away + c * x - s * y, c * y + s * x),
+    )
+    plane = Plane((away - s, c), (s, -c))
+    touched = Problem(
+        mesh, MATERIAL, clamped="bottom", contact="top", gap=plane.gap(mesh)
+    )
+    assert abs(gap_records(touched).gap).max() < 1e-12 * (1 + away)
+    assert not len(scanned_gap(touched, "top").hidden)
+    assert nearer_between_nodes(touched) == ""
+    assert what_is_unseen(touched) == ""
 
 
 @pytest.mark.parametrize("order", [1, 2])
