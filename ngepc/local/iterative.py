@@ -361,7 +361,9 @@ class IterativeTangent:
         if taken < self._most:
             raise FactorisationError("the preconditioner is not positive definite")
         raise FactorisationError(
-            f"the linear solver did not converge in {counted(taken, 'iteration')}"
+            f"the linear solver did not converge in {counted(taken, 'iteration')}, as on thin "
+            "plates and with little compressibility: leave inverse out, then factors take over, "
+            "or raise max_iterations"
         )
 
 

@@ -26,7 +26,9 @@ class Status(Labelled):
     STAGNATED = (
         "The energy changes by rounding errors only; the tolerance cannot be met."
     )
-    NONFINITE = "A factorisation, energy or residual became singular, NaN or infinite."
+    NONFINITE = (
+        "A linear solver failed, or an energy or residual became NaN or infinite."
+    )
     LIMIT_LOAD = (
         "Plastic strains grow without bound: the loads are at or beyond a limit load."
     )

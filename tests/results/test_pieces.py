@@ -126,6 +126,9 @@ def test_a_linear_solver_that_was_asked_for_is_not_exchanged():
     options = NewtonOptions(inverse=Jacobi(max_iterations=1))
     result = semismooth_newton(problem, options=options)
     assert result.status is Status.NONFINITE
+    assert "1 iteration, as on thin plates" in result.message
+    assert "leave inverse out" in result.message
+    assert "linear solver failed" in result.status.value
 
 
 def test_equilibrium_is_shown_by_its_resultants():
