@@ -13,6 +13,9 @@ from ngepc.results.outcome import History, Status
 FREE = 100.0
 """Without hardening, a larger |p| shows that the load is beyond the limit load."""
 
+FLOWS = 1.0
+"""The same where the steps are used up; a few bodies carry loads that strain them so much."""
+
 SETTLED = 0.5
 """Near rounding, the run ends if a step leaves more than this fraction of the residual."""
 
@@ -49,7 +52,8 @@ def end_of(
     if here.flowing > FREE:
         return Status.LIMIT_LOAD, (
             f"After {counted(steps, 'step')} |p| reaches {here.flowing:.2g} where the material no "
-            "longer hardens: the loads are at or beyond the limit load."
+            "longer hardens: the loads are at or beyond the limit load, which limit_load(problem) "
+            "bounds."
         )
     if before is not None and residual > SETTLED * before and residual <= here.rounding:
         return Status.STAGNATED, limited_by_rounding(
@@ -58,12 +62,23 @@ def end_of(
     if before is not None and UNCHANGED * before < residual <= SMALL and here.drifting:
         return Status.STAGNATED, here.drifting
     if steps == max_iterations:
-        advice = here.drifting or "Try more steps or a smaller load step."
         return Status.ITERATION_LIMIT, (
             f"{counted(steps, 'step')}, relative residual {residual:.3g}, last step length "
-            f"{history.records[-1].step_length:.3g}. {advice}"
+            f"{history.records[-1].step_length:.3g}. {unfinished(here)}"
         )
     return None, ""
+
+
+def unfinished(here: Iterate) -> str:
+    """What is said of a state where the steps are used up."""
+    if here.drifting:
+        return here.drifting
+    if here.flowing > FLOWS:
+        return (
+            f"|p| reaches {here.flowing:.2g} where the material no longer hardens: most likely the "
+            "loads are near the limit load or beyond it, which limit_load(problem) bounds."
+        )
+    return "Try more steps or a smaller load step."
 
 
 def is_within(here: Iterate, tolerance: float) -> bool:

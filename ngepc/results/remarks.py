@@ -176,8 +176,8 @@ def without_motion(result: Any) -> str:
 
 def deformed_much(result: Any) -> str:
     """A remark on strains or rotations that are not small."""
-    if result.status is Status.LIMIT_LOAD:
-        return ""  # an iterate of a run that diverges
+    if result.status in (Status.LIMIT_LOAD, Status.ITERATION_LIMIT):
+        return ""  # an iterate, whose strains may be far from those of a solution
     return not_small(result.largest_strain, result.largest_rotation, result.fields)
 
 

@@ -437,7 +437,7 @@ def test_a_bound_that_stays_infinite_ends_the_run():
     beyond = verdict(
         saturating(3.5), MeanDisplacement("right", 0), at_most=1.0, options=few
     )
-    assert str(beyond).endswith("the loads are at or beyond the limit load.")
+    assert str(beyond).endswith("limit load, which limit_load(problem) bounds.")
 
 
 def test_six_meshes_without_a_bound_are_enough():

@@ -355,6 +355,20 @@ def test_iterates_beyond_the_limit_load_say_nothing_of_their_strains():
     assert result.status is Status.LIMIT_LOAD
     assert result.largest_strain > 1
     assert "Strains reach" not in result.message
+    assert "limit_load(problem) bounds" in result.message
+
+
+def test_steps_that_are_used_up_beyond_the_limit_load_name_it():
+    """Strains of 2100 percent after ten steps are no property of the body."""
+    soft = Material.metal(young=1e3, poisson=0.3, yield_stress=5.0, tangent_modulus=0.0)
+    mesh = block.structured_mesh(4, 4, simplices=True)
+    pushed = Problem(mesh, soft, "clamped", traction={"contact": (1.8, 0)}, order=2)
+    result = semismooth_newton(pushed, options=NewtonOptions(max_iterations=10))
+    assert result.status is Status.ITERATION_LIMIT
+    assert result.largest_strain > 1
+    assert "near the limit load or beyond it" in result.message
+    assert "limit_load(problem) bounds" in result.message
+    assert "Strains reach" not in result.message
 
 
 @pytest.mark.parametrize(
