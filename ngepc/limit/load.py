@@ -10,6 +10,7 @@ import numpy as np
 from ngsolve import Mesh
 
 from ngepc.bounds.copies import bisected
+from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.simplices import Simplices, marked
 from ngepc.checks.arguments import require_integer, require_number
 from ngepc.checks.kinds import require_function, require_instance
@@ -53,9 +54,11 @@ FINISHED = 1.5
 LEAST = 0.25
 """Smallest share of the gap in the cells that are cut."""
 
-PRECISE = 1e-3
-COARSEST = 1e-5
-"""Relative tolerance of the solver: this fraction of the requested width, and its upper limit."""
+PRECISE = 3e-3
+"""Gap of the conic programs over that of the bounds of the mesh before, or the requested one."""
+
+FIRST = 1e-5
+"""The same of the first mesh, without units: where its fields are exact it is the last one."""
 
 NOTHING = 1e-6
 """A smaller lower/upper ratio indicates loads that are incompatible at the edges of a solid."""
@@ -87,7 +90,8 @@ def limit_load(
     ----------
     problem
         Loads, supports, strength, obstacles that touch; its mesh is where refinement starts.
-        Hardening, elasticity and ``order`` are ignored.
+        Quadrilaterals and hexahedra are cut into triangles and tetrahedra first.  Hardening,
+        elasticity and ``order`` are ignored.
     relative_width
         (upper - lower) / lower that is wanted, > 0.
     growing
@@ -108,6 +112,7 @@ def limit_load(
     """
     check_search(problem, relative_width, max_cells, monitor)
     check_limit_problem(problem, "a limit load", FOLLOWED)
+    problem = problem_on_simplices(problem)
     names = growing_names(problem, growing)
     shape = SHAPES[problem.kinematics.name]
     data = limit_data(problem, names)
@@ -167,8 +172,7 @@ class Search:
         self.tolerance = tolerance
         most = max_cells or MAX_CELLS[self.mesh.dim]
         while True:
-            precision = min(COARSEST, PRECISE * tolerance)
-            self.last, self.centre = self.solved(precision)
+            self.last, self.centre = self.solved(self.precision())
             record = self.record()
             try:
                 if monitor is not None:
@@ -189,6 +193,13 @@ class Search:
             if not self.refine(most):
                 weak = self.centre is None
                 return LimitStatus.TOO_WEAK if weak else LimitStatus.MESH_LIMIT
+
+    def precision(self) -> float:
+        """Gap that the conic programs of the next mesh may leave, without units."""
+        between = self.upper - self.lower
+        if not self.records or not math.isfinite(between):
+            return min(FIRST, PRECISE * self.tolerance)
+        return PRECISE * max(between, self.tolerance * abs(self.lower))
 
     def solved(self, precision: float) -> tuple[MeshBracket, np.ndarray | None]:
         """Both bounds on the mesh, and the admissible stress that the lower bound starts from."""

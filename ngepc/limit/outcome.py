@@ -133,7 +133,7 @@ class LimitLoad(Bracketed):
     Parameters
     ----------
     problem
-        The problem.
+        The problem, on simplices where its mesh has other elements.
     growing
         The loads that grow, by name.
     lower, upper

@@ -9,6 +9,7 @@ from ngsolve import CF, VOL, CoefficientFunction, IntegrationRule
 
 from ngepc.bounds.boundary import OuterFacets
 from ngepc.bounds.coverage import varies_inside
+from ngepc.bounds.hexahedra import check_hexahedra
 from ngepc.bounds.simplices import Simplices
 from ngepc.checks.arguments import ELEMENT_TYPES, Coefficient
 from ngepc.checks.sentences import in_words
@@ -27,8 +28,10 @@ COVERS = BASIC_FEATURES | {
     "friction",
     "hardening law",
     "held by contact",
+    "hexahedra",
     "order 2",
     "plane stress",
+    "quadrilaterals",
     "rollers",
 }
 """Features of a problem that limit loads cover; hardening is neglected."""
@@ -43,6 +46,7 @@ def check_limit_problem(problem: Problem, what: str, advice: str = "") -> None:
     ``advice`` is what to do instead.
     """
     require_covered(problem, what, COVERS, advice)
+    check_hexahedra(problem.mesh)
     if problem.initial_displacement is not None:
         raise ValueError(
             f"initial_displacement: {what} does not depend on it; leave it out"

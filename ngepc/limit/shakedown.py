@@ -17,6 +17,7 @@ from itertools import product
 import numpy as np
 from ngsolve import CF, CoefficientFunction, GridFunction
 
+from ngepc.bounds.counterpart import problem_on_simplices
 from ngepc.bounds.sizes import power_of_two
 from ngepc.checks.arguments import require_number
 from ngepc.checks.sentences import in_words, outward
@@ -26,7 +27,7 @@ from ngepc.limit.cycles import alternating_bound, cycle_bracket_on
 from ngepc.limit.data import LimitData
 from ngepc.limit.elastic import EXACT, INITIAL_STRAIN, elastic_stress, without_loads
 from ngepc.limit.fields import stress_function, velocity_function
-from ngepc.limit.load import Search, check_search, limit_load
+from ngepc.limit.load import FIRST, Search, check_search, limit_load
 from ngepc.limit.outcome import Bracketed, LimitRecord, LimitStatus, strongest
 from ngepc.limit.reading import (
     BODY_FORCE,
@@ -49,6 +50,7 @@ SHAKEDOWN_COVERS = (COVERS | {"initial strain"}) - {
     "contact at a clamp",
     "friction",
     "held by contact",
+    "hexahedra",
     "obstacle",
     "solid",
 }
@@ -206,6 +208,7 @@ def shakedown_load(
     check_search(problem, relative_width, max_cells, monitor)
     require_covered(problem, "a shakedown load", SHAKEDOWN_COVERS)
     check_limit_problem(problem.changed(initial_strain=None), "a shakedown load")
+    problem = problem_on_simplices(problem)
     corners = checked_vertices(problem, vertices)
     search = CycleSearch(problem, corners)
     status = search.run(relative_width, max_cells, monitor)
@@ -351,6 +354,10 @@ class CycleSearch(Search):
         self.elastic = elastic / size
         self.alternating = alternating_bound(self.data, shape, self.elastic)
         self.upper = self.alternating
+
+    def precision(self) -> float:
+        """At most that of the first mesh: lower bounds may reach that of alternation at once."""
+        return min(FIRST, super().precision())
 
     def solved(self, precision: float) -> tuple[MeshBracket, np.ndarray | None]:
         """Both bounds on the mesh, and the admissible stress that the lower bound starts from."""

@@ -12,8 +12,15 @@ from scipy.sparse import csc_matrix, csr_matrix, vstack
 
 EXTRA = "Clarabel is needed for conic programs: pip install 'ngepc[conic]'"
 SOLVED = ("Solved", "AlmostSolved")
-FEASIBLE = 1e-8
-"""Tolerance of the residuals, relative."""
+FEASIBLE = 1e-6
+"""Tolerance of the residuals, relative; callers that prove bounds remove what is left of them."""
+
+REGULAR = 1e-7
+"""Number added to the pivots of free unknowns, such as mean stresses, relative.
+
+With Clarabel's default, 1e-8, the steps of lower bounds of solids become too inaccurate: it ends
+with 'NumericalError' at gaps of 1e-3 of the value.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +83,7 @@ def cone_solution(program: ConeProgram, gap: float = 1e-8) -> ConeSolution:
     program
         The program.
     gap
-        Between the program and its dual, relative.
+        Between the program and its dual; relative where their value is above one.
 
     Raises
     ------
@@ -104,6 +111,7 @@ def cone_solution(program: ConeProgram, gap: float = 1e-8) -> ConeSolution:
     settings.tol_gap_abs = gap
     settings.tol_gap_rel = gap
     settings.tol_feas = FEASIBLE
+    settings.static_regularization_constant = REGULAR
     n = len(program.cost)
     solver = clarabel.DefaultSolver(
         csc_matrix((n, n)),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from campaigns.random_limits import problem as random_problem
 from netgen.geom2d import SplineGeometry
-from netgen.occ import Glue, MoveTo, OCCGeometry, X, Y
+from netgen.occ import Box, Glue, MoveTo, OCCGeometry, X, Y
 from ngsolve import (
     CF,
     ET,
@@ -26,6 +26,7 @@ from ngsolve import (
     ds,
     dx,
 )
+from ngsolve.meshes import MakeStructured3DMesh
 
 from ngepc import (
     Coulomb,
@@ -42,7 +43,7 @@ from ngepc import (
 )
 from ngepc.geometries import block
 from ngepc.limit.bracket import bracket_on, centre_of, lower_on
-from ngepc.limit.load import COARSEST
+from ngepc.limit.load import PRECISE
 from ngepc.limit.reading import growing_names, limit_data
 from ngepc.limit.static import Statics
 from ngepc.limit.yielding import SHAPES
@@ -135,8 +136,27 @@ def test_units_do_not_matter():
     assert 1024 * double.lower == one.lower
     assert 1024 * double.upper == one.upper
     thousand = limit_load(strip(pressure={"load": 1000.0}), 0.2)
-    assert 1000 * thousand.lower == pytest.approx(one.lower, rel=COARSEST)
-    assert 1000 * thousand.upper == pytest.approx(one.upper, rel=COARSEST)
+    precision = PRECISE * one.records[-2].relative_width
+    assert 1000 * thousand.lower == pytest.approx(one.lower, rel=precision)
+    assert 1000 * thousand.upper == pytest.approx(one.upper, rel=precision)
+
+
+@pytest.mark.parametrize("shape", ["quadrilaterals", "hexahedra"])
+def test_other_elements_are_cut_into_simplices(shape):
+    """The bounds are those of a mesh of simplices with the same vertices."""
+    soft = Material.metal(young=1e3, poisson=0.3, yield_stress=1.0, tangent_modulus=0.0)
+    if shape == "quadrilaterals":
+        meshes = [block.structured_mesh(2, 2, simplices=cut) for cut in (False, True)]
+        given = {"clamped": "clamped", "traction": {"contact": (1.0, 0)}}
+    else:
+        meshes = [MakeStructured3DMesh(cut, 2, 2, 1) for cut in (True, False)]
+        given = {"clamped": "bottom", "traction": {"top": (0, 0, 1.0)}}
+    found, same = (limit_load(Problem(m, soft, **given), 0.5) for m in meshes)
+    assert found.records[0].cells == same.records[0].cells
+    assert found.lower == pytest.approx(same.lower, rel=1e-3)
+    assert found.upper == pytest.approx(same.upper, rel=1e-3)
+    assert found.stress is not None
+    assert found.mechanism is not None
 
 
 @pytest.mark.parametrize("side", [0.0, 3.0])
@@ -612,3 +632,17 @@ def test_prices_add_up_to_the_lower_bound():
     found = lower_on(statics, centre_of(statics), 1e-8)
     assert (found.price >= 0).all()
     assert found.price.sum() == pytest.approx(found.field.factor, rel=1e-6)
+
+
+def test_solvers_of_solids_end_with_solutions():
+    """Of an unstructured mesh whose corners keep the first lower bound at zero."""
+    foot = Box((0, 0, 0), (3, 2, 1)) + Box((0, 0, 1), (1, 2, 3))
+    foot.faces.name = "free"
+    foot.faces.Min(X).name = "clamped"
+    foot.faces.Max(X).name = "load"
+    mesh = Mesh(OCCGeometry(foot).GenerateMesh(maxh=2.0, parallel_meshing=False))
+    soft = Material.metal(young=1e3, poisson=0.3, yield_stress=1.0, tangent_modulus=0.0)
+    problem = Problem(mesh, soft, "clamped", traction={"load": (0, 0, -0.1)})
+    found = limit_load(problem, 0.1, max_cells=100)
+    assert len(found.records) > 1
+    assert {word for record in found.records for word in record.words} == {"Solved"}
