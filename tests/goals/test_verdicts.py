@@ -24,6 +24,7 @@ from ngepc import (
     solve_to,
     verdict,
 )
+from ngepc.bounds.outcome import strain_energy
 from ngepc.geometries import block, ring
 from ngepc.goals.clock import Clock
 from ngepc.goals.refinement import MeshRecord
@@ -214,6 +215,26 @@ def test_histories_have_their_line(data, start):
 )
 def test_every_problem_has_its_line(problem, word):
     assert confidence(semismooth_newton(problem())).startswith(word)
+
+
+def test_large_solids_are_estimated_by_recovered_stresses(monkeypatch):
+    """A solve on the refined mesh took a minute from 3,072 tetrahedra with friction."""
+    monkeypatch.setattr("ngepc.goals.confidence.LARGEST", 10)
+
+    def solved_on(n):
+        mesh = block.structured_mesh(n, n, n, simplices=True)
+        load = {"right": (1.0, 0.3, 0.5)}
+        rubs = {"contact": "contact", "gap": 1e-4, "friction": Coulomb(0.3)}
+        return semismooth_newton(
+            Problem(mesh, MATERIAL, traction=load, order=2, **rubs)
+        )
+
+    coarse, fine = solved_on(2), solved_on(4)
+    line = confidence(coarse)
+    assert line.startswith("Estimate by recovered stresses, not guaranteed: the energy")
+    told = float(re.search(r"about ([\d.e-]+) percent", line)[1])
+    change = coarse.primal_energy - fine.primal_energy
+    assert 0.5 < told / (100 * change / strain_energy(coarse.state)) < 2
 
 
 @pytest.mark.parametrize("feature", sorted(CHANGES))
