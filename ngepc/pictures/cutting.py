@@ -16,12 +16,14 @@ from ngsolve import CF, ET, CoefficientFunction, Mesh
 from ngepc.checks.arguments import boundary_names, require_direction, require_vector
 from ngepc.checks.kinds import require_text
 from ngepc.checks.sentences import in_words
-from ngepc.model.elements import cells_of
+from ngepc.model.elements import cells_of, elements_by_type, vertex_coordinates
 from ngepc.pictures.sampling import Corners, at_corners, corners_of, is_curved
 from ngepc.results.fields import Fields
 
 Plane = tuple[Sequence[float], Sequence[float]]
 """A point of the plane and its normal, N numbers each; the side of the normal is removed."""
+REGULAR = np.array([(0.0, 1.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, 0.0)])
+"""Edges of a regular tetrahedron from one of its vertices."""
 
 
 @dataclass(frozen=True)
@@ -180,16 +182,30 @@ def section(fields: Fields, inside: CoefficientFunction | None, part: Part) -> C
     """Triangles of the section of a solid with a plane."""
     mesh = fields.problem.mesh
     region = mesh.Materials(part.body or ".*")
-    shapes = np.array([element.type for element in region.Elements()])
-    types = {shape: shapes == shape for shape in set(shapes)}
+    types = elements_by_type(mesh, 3, region.Mask())
+    near = near_plane(mesh, part.cut)[np.array(region.Mask())[cells_of(mesh, 3)[1]]]
+    crossing = {shape: alike & near for shape, alike in types.items()}
     cuts = 2 if is_curved(fields) else 1
     parts = {shape: tetrahedra(shape, cuts) for shape in types}
     inside = CF(0.0) if inside is None else inside
-    each = at_corners(fields, inside, region, parts, types, types)
+    each = at_corners(fields, inside, region, parts, types, crossing)
     data = np.concatenate(each, axis=2)
     level = heights(data[..., :3], part.cut)
     triangles = crossed(data, level)
     return unstacked(facing(triangles, np.array(part.cut[1])))
+
+
+def near_plane(mesh: Mesh, cut: Plane) -> np.ndarray:
+    """Which elements a plane may cross: curved ones reach beyond their vertices."""
+    nodes, _ = cells_of(mesh, 3)
+    corners = nodes[:, :8]
+    level = heights(vertex_coordinates(mesh), cut)
+    there = (corners >= 0) & (corners < mesh.nv)
+    at = np.where(there, level[np.where(there, corners, 0)], np.nan)
+    low = np.nanmin(at, axis=1)
+    high = np.nanmax(at, axis=1)
+    reach = (high - low) / 2
+    return (low - reach <= 0) & (high + reach >= 0)
 
 
 def facing(data: np.ndarray, normal: np.ndarray) -> np.ndarray:
@@ -225,18 +241,56 @@ def crossed(data: np.ndarray, level: np.ndarray) -> np.ndarray:
 
 
 def tetrahedra(shape: ET, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a reference element whose edges are cut into n parts, and its tetrahedra."""
-    t = np.arange(n + 1) / n
-    axes = np.meshgrid(t, t, t, indexing="ij")
-    cube = np.stack(axes, axis=-1).reshape(-1, 3)
-    points = cube[_in_element(shape, cube)]
-    found = scipy.spatial.Delaunay(points).simplices
-    edges = points[found[:, 1:]] - points[found[:, :1]]
-    volumes = np.abs(np.linalg.det(edges))
-    return points, found[volumes > 1e-9]
+    """Points of a reference element whose edges are cut into n parts, and its tetrahedra.
+
+    Those of neighbours fit together, however they are turned: quadrilaterals are cut around their
+    centres, and triangles as the regular one, whose middles can be joined in one way only.
+    """
+    if shape == ET.TET:
+        k = np.arange(n + 1)
+        cube = np.stack(np.meshgrid(k, k, k, indexing="ij"), axis=-1).reshape(-1, 3)
+        points = cube[cube.sum(axis=1) <= n] / n
+        return points, scipy.spatial.Delaunay(points @ REGULAR).simplices
+    columns = [(base, k) for base in bases_of(shape, n) for k in range(n)]
+    pieces = np.concatenate([around_the_centre(*column) for column in columns])
+    points, numbers = np.unique(pieces.reshape(-1, 3), axis=0, return_inverse=True)
+    return points / n, numbers.reshape(-1, 4)
 
 
-def _in_element(shape: ET, points: np.ndarray) -> np.ndarray:
-    """Which points (n, 3) of the unit cube are in the reference element of a shape."""
-    bounded = {ET.TET: 3, ET.PRISM: 2}.get(shape, 0)  # coordinates with a sum <= 1
-    return points[:, :bounded].sum(axis=1) <= 1 + 1e-12
+def bases_of(shape: ET, n: int) -> list[list[tuple[int, int]]]:
+    """The parts of the base of a hexahedron or a prism, n times as large, as polygons."""
+    found = []
+    for i in range(n):
+        for j in range(n):
+            corner = (i, j)
+            right = (i + 1, j)
+            above = (i, j + 1)
+            opposite = (i + 1, j + 1)
+            if shape == ET.HEX:
+                found.append([corner, right, opposite, above])
+                continue
+            if i + j < n:
+                found.append([corner, right, above])
+            if i + j < n - 1:
+                found.append([right, opposite, above])
+    return found
+
+
+def around_the_centre(base: Sequence[tuple[int, int]], height: int) -> np.ndarray:
+    """Tetrahedra (k, 4, 3) of a column of height one, from its centre to the parts of its faces."""
+    floor = [(*corner, height) for corner in base]
+    ceiling = [(*corner, height + 1) for corner in base]
+    around = list(zip(floor, floor[1:] + floor[:1], strict=True))
+    above = list(zip(ceiling, ceiling[1:] + ceiling[:1], strict=True))
+    sides = [(a, b, d, c) for (a, b), (c, d) in zip(around, above, strict=True)]
+    centre = np.mean(floor + ceiling, axis=0)
+    found = []
+    for face in (floor, ceiling, *sides):
+        corners = np.array(face, float)
+        if len(face) == 3:
+            found.append((*corners, centre))
+            continue
+        middle = corners.mean(axis=0)
+        turned = np.roll(corners, -1, axis=0)
+        found += [(a, b, middle, centre) for a, b in zip(corners, turned, strict=True)]
+    return np.array(found)

@@ -60,6 +60,24 @@ def test_sections_have_their_area(kind, plane):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("order", [1, 2])
+def test_triangles_of_a_section_fit_together(kind, order):
+    """Each edge within the body has two; others were drawn as lines across the section."""
+    oblique = ((0.41, 0.37, 0.45), (0.3, 0.5, 0.8))
+    found = section(at_rest(kind, order), FIELD, Part(cut=oblique))
+    places, corners = np.unique(
+        found.points.reshape(-1, 3).round(9), axis=0, return_inverse=True
+    )
+    sides = corners.reshape(-1, 3)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    sides = sides[sides[:, 0] != sides[:, 1]]
+    edges, count = np.unique(np.sort(sides), axis=0, return_counts=True)
+    ends = places[edges[count == 1]]
+    assert len(ends)
+    assert ((ends == 0.0).all(axis=1) | (ends == 1.0).all(axis=1)).any(axis=1).all()
+    assert count.max() == 2
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("order", [1, 2])
 def test_what_is_left_is_closed(kind, order):
     """The divergence theorem with the triangles that are drawn: half of the cube."""
     fields = at_rest(kind, order)
