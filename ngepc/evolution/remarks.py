@@ -42,10 +42,9 @@ def remarks(steps: Sequence[EvolutionStep], memory: Memory) -> str:
     pressed = max((s.record for s in steps), key=lambda record: record.contact_force)
     few = few_facets(pressed.contact_facets, pressed.contact_nodes)
     smooth = like_a_coefficient(problem, pressed.max_contact_pressure)
-    found += [f"At time {pressed.time:g}: {said}" for said in (few, smooth) if said]
     resolved = partial(unresolved_data, points=memory.functions.points)
     notes = (order_note, round_note, what_is_unseen, resolved, nearer_between_nodes)
-    found += filter(None, (note(problem) for note in notes))
+    at_times = {pressed.time: [few, smooth]}
     maximum = problem.processes.maximum
     sizes = [
         maximum(np.abs(s.values_of("displacement")).max(initial=0.0)) for s in steps
@@ -54,7 +53,11 @@ def remarks(steps: Sequence[EvolutionStep], memory: Memory) -> str:
     strain, rotation = strain_and_rotation(largest.fields)
     if strain > SMALL_STRAIN or rotation > SMALL_ROTATION:
         said = large_motion(strain, rotation, large_part(largest.fields))
-        found.append(f"At time {largest.record.time:g}: {said}")
+        at_times.setdefault(largest.record.time, []).append(said)
+    for time, sentences in at_times.items():
+        if any(sentences):
+            found.append(" ".join([f"At time {time:g}:", *filter(None, sentences)]))
+    found += filter(None, (note(problem) for note in notes))
     return " ".join(found)
 
 
