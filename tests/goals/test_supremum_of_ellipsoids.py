@@ -20,6 +20,7 @@ from ngepc import (
     semismooth_newton,
 )
 from ngepc.geometries import block
+from ngepc.goals import supremum_of_ellipsoids
 from ngepc.goals.goal_bound import GoalProblem
 from ngepc.goals.supremum import ScaledLaw
 from ngepc.goals.supremum_of_ellipsoids import CLOSE, EllipsoidLaw, largest_on_ellipsoid
@@ -94,6 +95,18 @@ def test_no_strain_exceeds_the_supremum(d):
     if d == 2:  # in more dimensions random strains are not close enough
         known = (p * w).sum(axis=1) * law.two_mu / FACTOR
         assert np.median((found - best) / (found - known)) < CLOSE
+
+
+def test_searches_that_end_early_lie_above(monkeypatch):
+    """What is left of the search after the last halving has a bound, too."""
+    _, law, _, p, w = drawn(2, 2)
+    strains = along(law, p)[:, None], along(law, w)[:, None]
+    found = law.potential(*strains)[:, 0]
+    monkeypatch.setattr(supremum_of_ellipsoids, "HALVINGS", 1)
+    early = law.potential(*strains)[:, 0]
+    known = (p * w).sum(axis=1) * law.two_mu / FACTOR
+    assert (early >= found - CLOSE * (found - known)).all()
+    assert (early > found + CLOSE * (found - known)).any()
 
 
 @pytest.mark.parametrize("d", [2, 3, 5])
