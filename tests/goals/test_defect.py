@@ -76,6 +76,18 @@ def test_the_defect_cell_by_cell(name, tmp_path):
     assert 1.0 <= r.defect() / plain_defect(r) <= 1.075 * 1.015
 
 
+def test_a_stress_out_of_equilibrium_costs_what_the_lemma_says(tmp_path):
+    """Of d, the distance in energy, d^2 <= 2 (gap + b d) is known: energies lose b d."""
+    arrays, header = out_of_balance("clamped", tmp_path / "receipt.npz")
+    r = check_receipt.Body(packed(arrays), header)
+    b = r.defect()
+    gap = r.volume @ r.densities(slice(None))[1] + r.opened[0].sum()
+    d = max(np.roots([1.0, -2 * b, -2 * gap]))
+    assert b**2 > 0.01 * gap  # far more than rounding
+    found = r.intervals(1.0)
+    assert found["upper"] - found["lower"] == pytest.approx(gap + b * d, rel=1e-9)
+
+
 def refined_to(corner, levels):
     """A plate with cells that become smaller towards a corner."""
     mesh = block.mesh(0.5, (1.0, 0.4))
