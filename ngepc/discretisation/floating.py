@@ -187,13 +187,25 @@ class Floating:
         return np.tensordot(np.linalg.solve(gram, work), forces, 1)
 
     def undetermined(self, forces: np.ndarray) -> int:
-        """Number of rigid motions that active and sticking rows do not prevent."""
+        """Number of rigid motions that active rows and friction do not prevent.
+
+        Of a row that slips, friction has the direction of the slip: in space it determines the
+        motion across.
+        """
         if not self.centres:
             return 0
         normal = self._contact.normal(forces)
         bound = self._contact.bound(forces)
         presses = np.abs(normal) > SMALL * np.abs(normal).max(initial=0.0)
-        size = np.linalg.norm(self._contact.tangential(forces), axis=1)
-        sticks = np.repeat(size < (1 - SMALL) * bound, self._contact.friction.d)
-        on_rows = self._on_rows[np.append(presses, sticks)]
-        return self._on_rows.shape[1] - int(matrix_rank(on_rows, tol=SMALL))
+        friction = self._contact.tangential(forces)
+        size = np.linalg.norm(friction, axis=1)
+        sticks = size < (1 - SMALL) * bound
+        d = self._contact.friction.d
+        kept = [self._on_rows[np.append(presses, np.repeat(sticks, d))]]
+        if d == 2:
+            slips = ~sticks & (size > 0)
+            across = friction[slips][:, ::-1] * [-1, 1] / size[slips, None]
+            along = self._on_rows[len(normal) :].reshape(len(normal), d, -1)[slips]
+            kept.append(np.einsum("ic,ick->ik", across, along))
+        rank = matrix_rank(np.concatenate(kept), tol=SMALL)
+        return self._on_rows.shape[1] - int(rank)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from netgen.occ import OCCGeometry, WorkPlane
-from ngsolve import Mesh, y
+from ngsolve import CF, GridFunction, Mesh, x, y
 
 from ngepc import (
     Coulomb,
@@ -222,3 +222,32 @@ def test_a_rotation_that_springs_do_not_hold_is_said():
     result = semismooth_newton(pushed)
     assert result.status is Status.STAGNATED
     assert "against one of its rigid motions" in result.message
+
+
+@pytest.mark.parametrize(
+    ("friction", "loose"), [(None, 3), (0.01, 0), (Coulomb(0.05), 0)]
+)
+def test_rows_that_slip_determine_the_motion_across(friction, loose):
+    """The foot of a cube spreads and slips outwards around its centre, and cannot turn."""
+    cube = block.structured_mesh(2, 2, 2, simplices=True)
+    metal = Material.metal(
+        young=1e3, poisson=0.3, yield_stress=1e3, plastic_modulus=100.0
+    )
+    stands = Problem(
+        cube,
+        metal,
+        clamped=None,
+        pressure={"clamped": 1.0},
+        contact="contact",
+        gap=0.0,
+        friction=friction,
+    )
+    result = semismooth_newton(stands).raise_for_status()
+    assert result.undetermined_motions == loose
+    if loose:
+        return
+    turned = GridFunction(result.displacement.space)
+    turned.Set(result.displacement + 1e-4 * CF((0.5 - y, x - 0.5, 0)))
+    again = semismooth_newton(stands, start=turned)
+    u, v = (r.displacement.vec.FV().NumPy() for r in (result, again))
+    np.testing.assert_allclose(v, u, atol=1e-8 * np.abs(u).max())
