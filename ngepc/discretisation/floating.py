@@ -7,8 +7,8 @@ all of them: there are admissible forces x of the rows with
     l(z) = x . R z    for all z that the supports leave free.
 
 This is a small linear program, because a part has at most six rigid motions.  In a solution the
-rows with pressure or sticking friction determine z; a motion that vanishes on all of them is
-undetermined.
+rows with pressure or sticking friction determine z, and in space rows that slip its part across the
+slip; a motion that vanishes on all of them is undetermined.
 """
 
 from __future__ import annotations
