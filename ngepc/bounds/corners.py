@@ -9,7 +9,7 @@ the copy bounds the same error.
 from __future__ import annotations
 
 import numpy as np
-from ngsolve import Mesh
+from ngsolve import BND, Mesh
 
 from ngepc.bounds.balance import BALANCED, factorise, spring_energy
 from ngepc.bounds.bisection import Bisection
@@ -86,11 +86,16 @@ def state_in_eighths(result: ExactResult) -> tuple[State, np.ndarray] | None:
     if not_carried(problem) or not is_covered(problem, WITHOUT_HISTORY):
         return None
     mesh, parents = bisected(problem.mesh, np.ones(count, dtype=bool))
-    factorised = problem.mesh.nface <= MOST_FACTORISED < mesh.nface
+    factorised = faces_of(problem.mesh) <= MOST_FACTORISED < faces_of(mesh)
     if factorised and hardens_softly(result.state):
         return None
     discrete = by_nodes(discrete_on(result, mesh, parents))
     return carried_state(result, discrete, parents), parents
+
+
+def faces_of(mesh: Mesh) -> int:
+    """The number of faces of tetrahedra; ``nface`` of a bisected mesh has those before, too."""
+    return (4 * mesh.ne + mesh.GetNE(BND)) // 2
 
 
 def hardens_softly(state: State) -> bool:

@@ -38,7 +38,7 @@ from ngepc.bounds.data import (
     Effort,
     feasible_state,
 )
-from ngepc.bounds.faces import ELEMENT, Faces
+from ngepc.bounds.faces import ELEMENT, MOST_FACTORISED, Faces, is_soft
 from ngepc.bounds.polynomials import RULE, TO_NODES
 from ngepc.bounds.rollers import by_nodes
 from ngepc.bounds.simplices import FACETS
@@ -55,6 +55,7 @@ log = logging.getLogger(__name__)
 CORNER_SUMS = (np.ravel(FACETS[3])[None] == np.arange(4)[:, None]).astype(float)
 LENGTHS = 0.5 ** np.arange(10)
 """Lengths of Newton steps that are tried."""
+NEWTON_BY_FACTORS = 12  # most Newton steps with factors of S
 REFINED = 2  # solves with the factors of S, each for what the one before has left
 LOOSER = 15  # factor of ``gain`` for the conjugate gradients that search the pressure
 
@@ -101,8 +102,9 @@ class SolidBoundData(BoundData):
         z = self.stress(state)
         factorise(state, tangent)
         found, H = self._nearest(state, tangent, z, P)
-        search = None if self.effort.newton else SolidSearch(self.faces, H)
-        for _ in range(self.effort.newton):
+        steps = self._newton_steps(found)
+        search = None if steps else SolidSearch(self.faces, H)
+        for _ in range(steps):
             mean = found.stress.mean(axis=1)
             step, _ = self._nearest(state, tangent, mean, found.pressure)
             better = self._between(state, found, step)
@@ -111,6 +113,19 @@ class SolidBoundData(BoundData):
             found = better
         stress, P, w = found
         return BestStress(stress, stress.mean(axis=1, keepdims=True), P, search, w)
+
+    def _newton_steps(self, found: Balanced) -> int:
+        """The most Newton steps from a stress; more where S there is ill-conditioned, on few faces.
+
+        What the stress of a cell exceeds the yield bound by costs much there, also where the
+        discrete stress does not yield.
+        """
+        cheap = min(NEWTON_BY_FACTORS, MOST_FACTORISED // len(self.cells.facets))
+        if cheap <= self.effort.newton:
+            return self.effort.newton
+        at = self.conjugate.completed(found.stress.mean(axis=1)[:, None])
+        soft = is_soft(self.conjugate.compliance(at))
+        return cheap if soft else self.effort.newton
 
     def _between(
         self, state: State, found: Balanced, step: Balanced
