@@ -16,10 +16,10 @@ FEASIBLE = 1e-6
 """Tolerance of the residuals, relative; callers that prove bounds remove what is left of them."""
 
 REGULAR = 1e-7
-"""Number added to the pivots of free unknowns, such as mean stresses, relative.
+"""Number added to the pivots of free unknowns, relative.
 
-With Clarabel's default, 1e-8, the steps of lower bounds of solids become too inaccurate: it ends
-with 'NumericalError' at gaps of 1e-3 of the value.
+With Clarabel's default, 1e-8, programs of lower bounds of solids end with 'NumericalError' at gaps
+of 1e-3 of the value.
 """
 
 REFINED = 1e-2
