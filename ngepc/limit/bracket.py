@@ -16,7 +16,7 @@ from ngepc.limit.sliding import SlidingVelocities
 from ngepc.limit.static import AdmissibleStress, Statics
 from ngepc.limit.yielding import YieldShape
 from ngepc.linalg.bernstein import times_hats
-from ngepc.linalg.conic import cone_solution
+from ngepc.linalg.conic import ACCURATE, ConicAccuracy, cone_solution
 
 UNBOUNDED = ("DualInfeasible", "AlmostDualInfeasible")
 """Statuses of the solver for an unbounded program."""
@@ -187,13 +187,15 @@ class Found:
     price: np.ndarray | None = None
 
 
-def lower_on(statics: Statics, centre: np.ndarray | None, precision: float) -> Found:
+def lower_on(
+    statics: Statics, centre: np.ndarray | None, accuracy: ConicAccuracy
+) -> Found:
     """The best stress of a mesh, from an admissible ``centre``."""
     program = statics.program(statics.gain())
     count = len(program.cost)
     if centre is None:
         return Found(None, count, 0, "NoStress")
-    found = cone_solution(program, precision)
+    found = cone_solution(program, accuracy)
     stress = None
     if np.isfinite(found.x).all() and found.status not in UNBOUNDED:
         x = statics.admissible(found.x, centre)
@@ -203,11 +205,11 @@ def lower_on(statics: Statics, centre: np.ndarray | None, precision: float) -> F
 
 
 def upper_on(
-    velocities: ContinuousVelocities | SlidingVelocities, precision: float
+    velocities: ContinuousVelocities | SlidingVelocities, accuracy: ConicAccuracy
 ) -> Found:
     """The best mechanism of a mesh."""
     program = velocities.flow.program()
-    found = cone_solution(program, precision)
+    found = cone_solution(program, accuracy)
     mechanism = None
     refused = found.status in (*INFEASIBLE, *UNBOUNDED)
     if not refused and np.isfinite(found.x).all():
@@ -278,27 +280,27 @@ def bracket_on(
     data: LimitData,
     shape: YieldShape,
     centre: np.ndarray | None,
-    precision: float = 1e-8,
+    accuracy: ConicAccuracy = ACCURATE,
     within: float = 0.0,
     is_last: bool = False,
 ) -> tuple[MeshBracket, np.ndarray | None]:
     """Both bounds on a mesh, and the admissible stress that the lower bound starts from.
 
-    ``precision`` is the relative tolerance of the solver.  In the plane, velocities of degree
+    ``accuracy`` is that of the conic programs.  In the plane, velocities of degree
     ``LAST_DEGREE`` are used for the upper bound once the relative width is at most ``within``; on
     a mesh that is expected to be the last one, from the start.
     """
     statics = Statics(data, shape)
     if centre is None:
         centre = centre_of(statics)
-    below = lower_on(statics, centre, precision)
+    below = lower_on(statics, centre, accuracy)
     flat = data.cells.N == 2
     degree = LAST_DEGREE if is_last else DEGREE
-    above = upper_on(velocities_on(data, shape, degree), precision)
+    above = upper_on(velocities_on(data, shape, degree), accuracy)
 
     def back() -> Found:
         """The best mechanism of the growing loads that act the other way."""
-        return upper_on(velocities_on(reversed_data(data), shape, degree), precision)
+        return upper_on(velocities_on(reversed_data(data), shape, degree), accuracy)
 
     overloaded = below.field is None and none_holds(above, back)
     marks = gaps_of(data, shape, below.field, above.field)
@@ -308,7 +310,7 @@ def bracket_on(
         width = above.field.factor - below.field.factor
         if width <= within * abs(below.field.factor):
             finest = ContinuousVelocities(data, shape, LAST_DEGREE)
-            best = upper_on(finest, precision)
+            best = upper_on(finest, accuracy)
             if best.field is not None and best.field.factor < above.field.factor:
                 above = best
     bracket = MeshBracket(

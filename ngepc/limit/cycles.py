@@ -46,6 +46,7 @@ from ngepc.limit.outline import Outline
 from ngepc.limit.static import AdmissibleStress, Statics
 from ngepc.limit.yielding import YieldShape
 from ngepc.linalg.bernstein import bernstein_values, times_hats
+from ngepc.linalg.conic import ConicAccuracy
 
 DEGREE = 2
 """Degree of the velocities."""
@@ -283,18 +284,18 @@ def cycle_bracket_on(
     shape: YieldShape,
     elastic: np.ndarray,
     centre: np.ndarray | None,
-    precision: float,
+    accuracy: ConicAccuracy,
 ) -> tuple[CycleBracket, np.ndarray | None]:
     """Both bounds on a mesh, and the admissible point that the lower one starts from."""
     statics = ResidualStatics(data, shape, elastic)
     if centre is None:
         centre = centre_of(statics)
-    below = lower_on(statics, centre, precision)
-    above = upper_on(StrainCycles(data, shape, elastic), precision)
+    below = lower_on(statics, centre, accuracy)
+    above = upper_on(StrainCycles(data, shape, elastic), accuracy)
 
     def back() -> Found:
         """The best cycle of the loads that act the other way."""
-        return upper_on(StrainCycles(data, shape, -elastic), precision)
+        return upper_on(StrainCycles(data, shape, -elastic), accuracy)
 
     bracket = CycleBracket(
         data,

@@ -29,6 +29,7 @@ from ngepc.limit.reading import check_limit_problem, growing_names, limit_data
 from ngepc.limit.rigid import moves_freely
 from ngepc.limit.yielding import SHAPES, YieldShape
 from ngepc.linalg.blas import one_blas_thread
+from ngepc.linalg.conic import ConicAccuracy
 from ngepc.model.problem import Problem
 
 log = logging.getLogger(__name__)
@@ -59,6 +60,15 @@ PRECISE = 3e-3
 
 FIRST = 1e-5
 """The same of the first mesh, without units: where its fields are exact it is the last one."""
+
+RESIDUALS = 1e-6
+"""Of the conditions of these programs: what is left is removed from stresses and mechanisms."""
+
+REFINEMENT = 1e-2
+"""Residuals of their linear systems over the gap; down to Clarabel's 1e-13 takes twice the time."""
+
+REGULARISATION = 1e-7
+"""Of their pivots.  With Clarabel's 1e-8 programs of solids end in 'NumericalError'."""
 
 NOTHING = 1e-6
 """A smaller lower/upper ratio indicates loads that are incompatible at the edges of a solid."""
@@ -172,7 +182,7 @@ class Search:
         self.tolerance = tolerance
         most = max_cells or MAX_CELLS[self.mesh.dim]
         while True:
-            self.last, self.centre = self.solved(self.precision())
+            self.last, self.centre = self.solved(self.accuracy())
             record = self.record()
             try:
                 if monitor is not None:
@@ -194,18 +204,23 @@ class Search:
                 weak = self.centre is None
                 return LimitStatus.TOO_WEAK if weak else LimitStatus.MESH_LIMIT
 
-    def precision(self) -> float:
-        """Gap that the conic programs of the next mesh may leave, without units."""
+    def accuracy(self) -> ConicAccuracy:
+        """What the conic programs of the next mesh are solved to."""
+        gap = self.gap()
+        return ConicAccuracy(gap, RESIDUALS, REFINEMENT * gap, REGULARISATION)
+
+    def gap(self) -> float:
+        """The gap that they may leave, without units."""
         between = self.upper - self.lower
         if not self.records or not math.isfinite(between):
             return min(FIRST, PRECISE * self.tolerance)
         return PRECISE * max(between, self.tolerance * abs(self.lower))
 
-    def solved(self, precision: float) -> tuple[MeshBracket, np.ndarray | None]:
+    def solved(self, accuracy: ConicAccuracy) -> tuple[MeshBracket, np.ndarray | None]:
         """Both bounds on the mesh, and the admissible stress that the lower bound starts from."""
         within = FINISHED * self.tolerance
         return bracket_on(
-            self.data, self.shape, self.centre, precision, within, self.is_last
+            self.data, self.shape, self.centre, accuracy, within, self.is_last
         )
 
     def singular(self) -> np.ndarray:

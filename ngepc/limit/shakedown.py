@@ -37,6 +37,7 @@ from ngepc.limit.reading import (
     moving_supports,
 )
 from ngepc.limit.yielding import CYCLIC_SHAPES, YieldShape
+from ngepc.linalg.conic import ConicAccuracy
 from ngepc.model.features import require_covered
 from ngepc.model.problem import Problem
 
@@ -355,14 +356,18 @@ class CycleSearch(Search):
         self.alternating = alternating_bound(self.data, shape, self.elastic)
         self.upper = self.alternating
 
-    def precision(self) -> float:
-        """At most that of the first mesh: lower bounds may reach that of alternation at once."""
-        return min(FIRST, super().precision())
+    def accuracy(self) -> ConicAccuracy:
+        """A gap of at most that of the first mesh, as lower bounds may reach alternation at once.
 
-    def solved(self, precision: float) -> tuple[MeshBracket, np.ndarray | None]:
+        With the larger residuals of limit loads brackets do not close: that of a plate with a hole
+        is wider on 5,000 elements than else on 245.
+        """
+        return ConicAccuracy(min(FIRST, self.gap()))
+
+    def solved(self, accuracy: ConicAccuracy) -> tuple[MeshBracket, np.ndarray | None]:
         """Both bounds on the mesh, and the admissible stress that the lower bound starts from."""
         return cycle_bracket_on(
-            self.data, self.shape, self.elastic, self.centre, precision
+            self.data, self.shape, self.elastic, self.centre, accuracy
         )
 
     def carry(self, data: LimitData, parents: np.ndarray) -> None:

@@ -12,18 +12,31 @@ from scipy.sparse import csc_matrix, csr_matrix, vstack
 
 EXTRA = "Clarabel is needed for conic programs: pip install 'ngepc[conic]'"
 SOLVED = ("Solved", "AlmostSolved")
-FEASIBLE = 1e-6
-"""Tolerance of the residuals, relative; callers that prove bounds remove what is left of them."""
 
-REGULAR = 1e-7
-"""Number added to the pivots of free unknowns, relative.
 
-With Clarabel's default, 1e-8, programs of lower bounds of solids end with 'NumericalError' at gaps
-of 1e-3 of the value.
-"""
+@dataclass(frozen=True)
+class ConicAccuracy:
+    """What a conic program is solved to; residuals and refinement are those of Clarabel by default.
 
-REFINED = 1e-2
-"""Tolerance of the linear systems over that of the gap; Clarabel's 1e-13 takes twice the time."""
+    Parameters
+    ----------
+    gap
+        Between the program and its dual; relative where their value is above one.
+    residuals
+        Of the conditions, relative.
+    refinement
+        Residual of the linear systems of each step, relative.
+    regularisation
+        What is added to the pivots of free unknowns, relative.
+    """
+
+    gap: float = 1e-8
+    residuals: float = 1e-8
+    refinement: float = 1e-13
+    regularisation: float = 1e-8
+
+
+ACCURATE = ConicAccuracy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,15 +91,17 @@ class ConeSolution:
         return self.status in SOLVED
 
 
-def cone_solution(program: ConeProgram, gap: float = 1e-8) -> ConeSolution:
+def cone_solution(
+    program: ConeProgram, accuracy: ConicAccuracy = ACCURATE
+) -> ConeSolution:
     """Solve a conic program by Clarabel on one thread.
 
     Parameters
     ----------
     program
         The program.
-    gap
-        Between the program and its dual; relative where their value is above one.
+    accuracy
+        What it is solved to.
 
     Raises
     ------
@@ -111,12 +126,12 @@ def cone_solution(program: ConeProgram, gap: float = 1e-8) -> ConeSolution:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    settings.tol_gap_abs = gap
-    settings.tol_gap_rel = gap
-    settings.tol_feas = FEASIBLE
-    settings.static_regularization_constant = REGULAR
-    settings.iterative_refinement_reltol = REFINED * gap
-    settings.iterative_refinement_abstol = REFINED * gap
+    settings.tol_gap_abs = accuracy.gap
+    settings.tol_gap_rel = accuracy.gap
+    settings.tol_feas = accuracy.residuals
+    settings.static_regularization_constant = accuracy.regularisation
+    settings.iterative_refinement_reltol = accuracy.refinement
+    settings.iterative_refinement_abstol = accuracy.refinement
     n = len(program.cost)
     solver = clarabel.DefaultSolver(
         csc_matrix((n, n)),

@@ -20,7 +20,7 @@ from ngepc.limit.bracket import bracket_on
 from ngepc.limit.continuous import ContinuousVelocities
 from ngepc.limit.reading import growing_names, limit_data
 from ngepc.limit.yielding import FLAT
-from ngepc.linalg.conic import cone_solution
+from ngepc.linalg.conic import ConicAccuracy, cone_solution
 from ngepc.studies.limit_problems import LIMITS
 from ngepc.studies.work import Work
 
@@ -164,7 +164,7 @@ class ProximalSteps(Work):
         data, _ = limit_data(problem, growing_names(problem, None)).without_units()
         centre = None
         for _ in range(number):
-            bracket, _ = bracket_on(data, FLAT, centre, 1e-4)
+            bracket, _ = bracket_on(data, FLAT, centre, ConicAccuracy(1e-4))
             chosen = bracket.marks > np.median(bracket.marks)
             flow = bracket.mechanism.dissipated
             width = (bracket.upper - bracket.lower) / abs(bracket.lower)
@@ -176,7 +176,7 @@ class ProximalSteps(Work):
         data = self.mesh(number)
         flow = ContinuousVelocities(data, FLAT, 2).flow
         begin = time.process_time()
-        found = cone_solution(flow.program(), GAP)
+        found = cone_solution(flow.program(), ConicAccuracy(GAP))
         middle = time.process_time()
         proximal = Proximal(flow)
         above, _, outer = proximal.solve()

@@ -47,6 +47,7 @@ from ngepc.limit.load import PRECISE
 from ngepc.limit.reading import growing_names, limit_data
 from ngepc.limit.static import Statics
 from ngepc.limit.yielding import SHAPES
+from ngepc.linalg.conic import ACCURATE
 from ngepc.studies.limit_problems import sheet_problem
 
 CLAY = Material.kinematic(
@@ -629,7 +630,7 @@ def test_prices_add_up_to_the_lower_bound():
     data, _ = limit_data(problem, growing_names(problem, None)).without_units()
     shape = SHAPES["plane strain"]
     statics = Statics(data, shape)
-    found = lower_on(statics, centre_of(statics), 1e-8)
+    found = lower_on(statics, centre_of(statics), ACCURATE)
     assert (found.price >= 0).all()
     assert found.price.sum() == pytest.approx(found.field.factor, rel=1e-6)
 
