@@ -175,9 +175,11 @@ def test_reasons_are_those_of_mutants_of_today(tmp_path):
 
 @pytest.fixture
 def bench(tmp_path, monkeypatch):
-    """A project with one module."""
+    """A project with one module; as regular packages come before others, whatever is installed."""
     room = tmp_path / "ngepc" / "room"
     room.mkdir(parents=True)
+    (room.parent / "__init__.py").touch()
+    (room / "__init__.py").touch()
     (room / "ten.py").write_text('check = float\nthird = "abc"[2]\n' + MODULE)
     (tmp_path / "tests").mkdir()
     shutil.copytree(
