@@ -232,6 +232,15 @@ def interrupt_once(ready):
     os.kill(os.getpid(), signal.SIGINT)
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C interrupts also what a shell has started in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_attempts_that_are_interrupted_add_up(tmp_path, monkeypatch):
     """The CPU time of each is counted, though its command has not ended by itself."""
     ready = tmp_path / "ready"
