@@ -26,6 +26,7 @@ from ngepc.goals.ends import (
     without_stress,
 )
 from ngepc.goals.goal_bound import COVERS as GOALS
+from ngepc.goals.goal_bound import INSTEAD
 from ngepc.goals.goal_interval import GoalBound, half_in_percent, thick_goal
 from ngepc.goals.goal_terms import check_goal
 from ngepc.goals.kinds import as_goal
@@ -218,8 +219,7 @@ def tolerance_of(
         return relative_error
     advice = "; solve_to(problem, relative_error) refines for the energy"
     require_covered(problem, "a goal", FEATURES.keys() - (BOUNDED - GOALS), advice)
-    advice = "; confidence(result) estimates the error of a result's energy"
-    require_covered(problem, "a goal", GOALS, advice)
+    require_covered(problem, "a goal", GOALS, INSTEAD)
     percent = 1.0 if percent is None else percent
     return require_number("percent", percent, 0, strict=True) / 100
 

@@ -58,6 +58,8 @@ COVERS = BOUNDED - {"axisymmetric"}
 """Features that goal bounds cover."""
 WITH_HILL = COVERS - {"isotropic hardening", "hardening law", "rate"}
 """Those that they cover together with Hill's criterion."""
+INSTEAD = "; confidence(result) says how accurate its energy is"
+"""What is advised where there is no interval."""
 
 ROUNDING = 1e-12
 """Part of the works in an interval by which it is widened, for rounding errors."""
@@ -98,8 +100,7 @@ def goal_bound(result: object, goal: object) -> GoalBound:
 def check_goals(problem: Problem) -> None:
     """Refuse problems without goal bounds by name; what error bounds refuse is left to them."""
     bounded = FEATURES.keys() - BOUNDED
-    advice = "; confidence(result) says how accurate its energy is"
-    require_covered(problem, "a goal bound", COVERS | bounded, advice)
+    require_covered(problem, "a goal bound", COVERS | bounded, INSTEAD)
     if FEATURES["anisotropic yield"].found(problem):
         what = "a goal bound with Hill's criterion"
         advice = "; displacement_bracket(result, ...) covers it"

@@ -270,9 +270,9 @@ def field_of(source: object, name: str) -> CoefficientFunction:
         found = getattr(owner, name, None)
         if isinstance(found, CoefficientFunction):
             return found
-    owner = "this result has no such field"
+    reason = "this result has no such field"
     if isinstance(source, Fields):
-        owner = (
+        reason = (
             "Fields have no such field; draw the result or the step (.steps[-1]) itself"
         )
-    raise ValueError(f"field={name!r}: {owner}")
+    raise ValueError(f"field={name!r}: {reason}")
